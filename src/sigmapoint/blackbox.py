@@ -1,0 +1,159 @@
+"""Simulators that JAX cannot trace, as functions of a model.
+
+The whole set of sigma points is handed over in one call (and a batch of series in one, too), either to a function that
+takes many rows at once, or row by row, or row by row over worker processes. An exception inside the simulator reaches
+the user as it was raised, with its own traceback.
+"""
+
+import multiprocessing
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+_raised: list[BaseException] = []
+_in_use = threading.Event()
+
+
+class Blackbox:
+    """A function of NumPy arrays that a model can call; made by `blackbox`."""
+
+    def __init__(self, function: Callable, size: int | None, vectorized: bool, workers: int):
+        self._function = function
+        self._size = size
+        self._vectorized = vectorized
+        self._workers = workers
+        self._pool: ProcessPoolExecutor | None = None
+
+    def __call__(self, x: Array, *rest: Any) -> Array:
+        _in_use.set()
+        x = jnp.asarray(x)
+        size = x.shape[-1] if self._size is None else self._size
+        shape = jax.ShapeDtypeStruct((size,), x.dtype)
+        # A derivative would need the simulator's inside; stop it here with a message of our own.
+        return _opaque(self, shape, x, *rest)
+
+    def close(self) -> None:
+        """End the worker processes, if there are any."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def _call(self, size: int, dtype: Any, *args: Any) -> np.ndarray:
+        """Evaluate rows: every leaf of `args` has the same leading axes, over which the function is called."""
+        try:
+            args = jax.tree.map(np.asarray, args)
+            batch = args[0].shape[:-1]
+            rows = jax.tree.map(lambda a: a.reshape((-1, *a.shape[len(batch) :])), args)
+            values = self._rows(rows, int(np.prod(batch, dtype=int)))
+            values = np.asarray(values, dtype)
+            if values.shape != (int(np.prod(batch, dtype=int)), size):
+                expected = f"(rows, {size})" if self._vectorized else f"({size},)"
+                got = values.shape if self._vectorized else values.shape[1:]
+                raise ValueError(f"blackbox: the function must return shape {expected}, got {got}; see `size`")
+            return values.reshape((*batch, size))
+        except BaseException as error:
+            _raised.append(error)
+            raise
+
+    def _rows(self, rows: Any, count: int) -> Any:
+        if self._vectorized:
+            return self._function(*rows)
+        each = [jax.tree.map(lambda a, i=i: a[i], rows) for i in range(count)]
+        if self._workers == 0:
+            return [self._function(*row) for row in each]
+        if self._pool is None:
+            # `spawn`: a forked child would inherit the locks of JAX's threads.
+            self._pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"))
+        share = -(-count // self._workers)
+        return list(self._pool.map(_star, [self._function] * count, each, chunksize=share))
+
+
+def _star(function: Callable, row: tuple) -> Any:
+    return function(*row)
+
+
+def _opaque(box: Blackbox, shape: jax.ShapeDtypeStruct, *args: Any) -> Array:
+    @jax.custom_jvp
+    def call(*args: Any) -> Array:
+        def host(*args: Any) -> np.ndarray:
+            return box._call(shape.shape[0], shape.dtype, *args)
+
+        return jax.pure_callback(host, shape, *args, vmap_method="broadcast_all")
+
+    @call.defjvp
+    def no_derivative(primals: tuple, tangents: tuple) -> Any:
+        raise TypeError(
+            "a blackbox has no derivative: use a sigma-point method (sp.srcdkf(), sp.ukf(), ...), or give the model "
+            "dynamics_jacobian / observation_jacobian"
+        )
+
+    return call(*args)
+
+
+def blackbox(
+    function: Callable, *, size: int | None = None, vectorized: bool = False, workers: int = 0
+) -> Blackbox:
+    """Use a Python, C or any other simulator as `dynamics` or `observation`.
+
+    Args:
+        function: takes NumPy arrays `(x, u)` (and a noise where it is not additive) and returns the next state or the
+            measurement. It must not keep anything between calls.
+        size: length of what it returns; that of `x` where not given.
+        vectorized: the function takes all points at once, `x` (p, n) and every leaf of `u` with p rows, and returns
+            (p, size).
+        workers: number of processes to spread the points over; 0 calls the function in this one. With workers the
+            function must be importable (not a lambda), and a script needs its `if __name__ == "__main__":`.
+
+    Returns:
+        A callable for `StateSpaceModel`. `.close()` ends its workers.
+
+    Raises:
+        ValueError: workers below zero, or together with `vectorized`.
+
+    Example:
+        >>> import jax.numpy as jnp, numpy as np, sigmapoint as sp
+        >>> step = sp.blackbox(lambda x, u: np.array([0.9 * x[0]]))
+        >>> model = sp.StateSpaceModel(step, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> sp.filter(model, jnp.ones((4, 1)), method=sp.ukf()).mean.shape
+        (4, 1)
+    """
+    if not callable(function):
+        raise ValueError(f"blackbox: function must be callable, got {type(function).__name__}")
+    if workers < 0:
+        raise ValueError(f"blackbox: workers must be 0 or more, got {workers}")
+    if workers and vectorized:
+        raise ValueError("blackbox: a vectorized function gets all points in one call; give workers or vectorized, not both")
+    return Blackbox(function, size, vectorized, workers)
+
+
+@contextmanager
+def reraised() -> Iterator[None]:
+    """Around a computation: an exception from inside a simulator comes out as itself."""
+    if not _in_use.is_set() and not _raised:
+        try:
+            yield
+        except jax.errors.JaxRuntimeError:
+            _reraise()
+            raise
+        return
+    _raised.clear()
+    try:
+        yield
+    except jax.errors.JaxRuntimeError:
+        _reraise()
+        raise
+
+
+def _reraise() -> None:
+    if _raised:
+        error = _raised[0]
+        _raised.clear()
+        raise error from None

@@ -1,0 +1,140 @@
+"""How sigma points get from f to h: drawn anew after the time update, or one set through both.
+
+A strategy says which noises have coordinates in the point set, and what a state carries beside its belief.
+
+* `Redraw` (Table 7.3.2): a set for f, another for h; additive noise stays outside.
+* `ExtendedSet` (footnote 6): the set covers (x, w); its propagated points go through h.
+* `Augmented` (Table 7.3.1): the set covers (x, w, v).
+
+Source: Wan & van der Merwe, "The Unscented Kalman Filter" (2001), section 7.3. In the last two the weights are those of
+the whole dimension of the set. Points are kept as values of the state; the coordinates of the noises are constants of the
+rule, so a prediction followed by an update uses one set, and an update that follows another update draws a fresh one.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from sigmapoint.gaussian import Belief, Spread
+from sigmapoint.model import Entry, Noise
+from sigmapoint.rules.linearization import Linearization, Rule
+from sigmapoint.spaces import Space
+
+
+class Functions(NamedTuple):
+    """The model at one instant, as a step sees it."""
+
+    f: Callable
+    h: Callable
+    process: Noise
+    observation: Noise
+    state_space: Space
+    observation_space: Space
+
+
+class Joint(NamedTuple):
+    """A function's value and the state it was taken at over the same ξ, and the additive noise that is still to come."""
+
+    value: Linearization
+    state: Linearization
+    noise: Spread | None
+
+
+Points = Float[Array, "p d"] | None
+
+
+class Carry(Protocol):
+    """A strategy; see the module."""
+
+    def draw(self, rule: Any, belief: Belief, fs: Functions) -> Points:
+        """The state's points of a fresh set, or nothing where points are not carried."""
+        ...
+
+    def transition(self, rule: Any, belief: Belief, fs: Functions, u: Any) -> tuple[Joint, Points]:
+        """x[k+1] jointly with x[k], and the propagated points."""
+        ...
+
+    def measurement(self, rule: Any, belief: Belief, points: Points, fs: Functions, u: Any) -> Joint:
+        """y[k] jointly with x[k]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Redraw:
+    """A fresh set for every function."""
+
+    def draw(self, rule: Rule, belief: Belief, fs: Functions) -> Points:
+        return None
+
+    def transition(self, rule: Rule, belief: Belief, fs: Functions, u: Any) -> tuple[Joint, Points]:
+        entry = fs.process.within(fs.f, fs.state_space)
+        return stacked(rule, belief, entry, u, fs.state_space, fs.state_space), None
+
+    def measurement(self, rule: Rule, belief: Belief, points: Points, fs: Functions, u: Any) -> Joint:
+        entry = fs.observation.within(fs.h, fs.observation_space)
+        return stacked(rule, belief, entry, u, fs.state_space, fs.observation_space)
+
+
+@dataclass(frozen=True)
+class ExtendedSet:
+    """One set for (x, w), and for v where it is not additive."""
+
+    def _observed(self, fs: Functions) -> Entry:
+        return fs.observation.within(fs.h, fs.observation_space)
+
+    def _size(self, belief: Belief, fs: Functions) -> int:
+        noises = fs.process.through(fs.f, fs.state_space).size + self._observed(fs).size
+        return belief.factor.shape[0] + noises
+
+    def draw(self, rule: Any, belief: Belief, fs: Functions) -> Points:
+        points = jnp.asarray(rule.constants(self._size(belief, fs)).points, belief.mean.dtype)
+        n = belief.factor.shape[0]
+        return jax.vmap(whitened(belief, fs.state_space))(points[:, :n])
+
+    def transition(self, rule: Any, belief: Belief, fs: Functions, u: Any) -> tuple[Joint, Points]:
+        entry = fs.process.through(fs.f, fs.state_space)
+        n, N = belief.factor.shape[0], self._size(belief, fs)
+        at = whitened(belief, fs.state_space)
+        points = jnp.asarray(rule.constants(N).points, belief.mean.dtype)
+        values = jax.vmap(lambda xi: entry.call(at(xi[:n]), u, xi[n : n + entry.size]))(points)
+        state = Linearization(belief.mean, _columns(belief.factor, N), jnp.zeros((n, 0), values.dtype))
+        return Joint(rule.combine(values, N, fs.state_space), state, None), values
+
+    def measurement(self, rule: Any, belief: Belief, points: Points, fs: Functions, u: Any) -> Joint:
+        entry, N = self._observed(fs), self._size(belief, fs)
+        noises = jnp.asarray(rule.constants(N).points, belief.mean.dtype)[:, N - entry.size :]
+        values = jax.vmap(lambda x, xi: entry.call(x, u, xi))(points, noises)
+        value = rule.combine(values, N, fs.observation_space)
+        return Joint(value, rule.combine(points, N, fs.state_space), entry.rest)
+
+
+@dataclass(frozen=True)
+class Augmented(ExtendedSet):
+    """One set for (x, w, v)."""
+
+    def _observed(self, fs: Functions) -> Entry:
+        return fs.observation.through(fs.h, fs.observation_space)
+
+
+def stacked(rule: Rule, belief: Belief, entry: Entry, u: Any, inside: Space, outside: Space) -> Joint:
+    """A function of (x, its noise) linearised about the belief, jointly with x."""
+    n, N = belief.factor.shape[0], belief.factor.shape[0] + entry.size
+    at = whitened(belief, inside)
+    origin = jnp.zeros(N, belief.mean.dtype)
+    value = rule(lambda xi: entry.call(at(xi[:n]), u, xi[n:]), origin, outside)
+    state = Linearization(belief.mean, _columns(belief.factor, N), jnp.zeros((n, 0), origin.dtype))
+    return Joint(value, state, entry.rest)
+
+
+def whitened(belief: Belief, space: Space) -> Callable[[Array], Array]:
+    """ξ ↦ x = m + L ξ."""
+    mean, factor = belief.mean, belief.factor
+    return lambda xi: space.retract(mean, factor @ xi)
+
+
+def _columns(factor: Array, N: int) -> Array:
+    return jnp.pad(factor, ((0, 0), (0, N - factor.shape[0])))

@@ -1,0 +1,168 @@
+"""Checks of what the user hands over: one clear message that names the argument, what it was and what it should be.
+
+Values are looked at only where they are known: under `jax.jit`, `grad` or `vmap` only shapes are checked.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+
+def array(name: str, value: Any) -> Array:
+    """As a floating-point array."""
+    try:
+        made = jnp.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__}: {error}") from error
+    if jnp.issubdtype(made.dtype, jnp.complexfloating) or made.dtype == object:
+        raise ValueError(f"{name} must be real, got {made.dtype}")
+    if not jnp.issubdtype(made.dtype, jnp.floating):
+        made = made.astype(float)
+    return made
+
+
+def known(value: Any) -> bool:
+    """Whether the numbers are there to look at (not a tracer)."""
+    return not isinstance(value, jax.core.Tracer)
+
+
+def finite(name: str, value: Any, hint: str = "") -> None:
+    """No NaN, no infinity."""
+    if known(value):
+        bad = ~np.isfinite(np.asarray(value))
+        if bad.any():
+            where = tuple(int(i) for i in np.argwhere(bad)[0])
+            raise ValueError(f"{name} has {bad.sum()} NaN or infinite value(s), the first at index {where}. {hint}".strip())
+
+
+def covariance(name: str, value: Array, series: bool = False) -> None:
+    """(n, n), or (T, n, n) where `series`; symmetric; positive semi-definite."""
+    shapes = "(n, n) or (T, n, n)" if series else "(n, n)"
+    if value.ndim not in ((2, 3) if series else (2,)) or value.shape[-1] != value.shape[-2] or value.shape[-1] == 0:
+        hint = ""
+        if value.ndim < 2:
+            hint = "; for one variance an element write jnp.diag(jnp.array([...])), for a single one jnp.array([[0.1]])"
+        raise ValueError(f"{name} must be a covariance of shape {shapes}, got shape {value.shape}{hint}")
+    if not known(value):
+        return
+    finite(name, value)
+    P = np.asarray(value, np.float64)
+    tol = 100 * float(jnp.finfo(value.dtype).eps)
+    scale = np.sqrt(np.abs(np.einsum("...ii->...i", P)))
+    bound = scale[..., :, None] * scale[..., None, :]
+    skew = np.abs(P - np.swapaxes(P, -1, -2))
+    if (skew > tol * np.maximum(bound, np.abs(P).max() * 1e-3)).any():
+        *_, i, j = np.unravel_index(np.argmax(skew), P.shape)
+        raise ValueError(
+            f"{name} must be symmetric; element [{i}, {j}] and its mirror differ by {skew.max():.3g}. "
+            "If the difference is round-off, pass (P + P.T) / 2"
+        )
+    diagonal = np.einsum("...ii->...i", P)
+    if (diagonal < 0).any():
+        i = np.argwhere(diagonal < 0)[0][-1]
+        raise ValueError(f"{name} has a negative variance, {diagonal.min():.6g}, at element [{i}, {i}]; it must be >= 0")
+    correlation = P / np.where(bound > 0, bound, 1.0)
+    lowest = np.linalg.eigvalsh((correlation + np.swapaxes(correlation, -1, -2)) / 2).min()
+    if lowest < -tol * P.shape[-1] or (np.abs(P)[bound == 0] > 0).any():
+        raise ValueError(
+            f"{name} must be positive semi-definite; as a correlation matrix its smallest eigenvalue is {lowest:.3g}"
+        )
+
+
+def callables(**functions: Any) -> None:
+    """Each is a function."""
+    for name, function in functions.items():
+        if not isinstance(function, Callable):
+            raise ValueError(f"{name} must be a function of (x, u), got {type(function).__name__}")
+
+
+def initial(belief: Any, space: Any) -> None:
+    """Mean, covariance and state space fit together."""
+    mean, cov = belief.mean, belief.cov
+    if mean.ndim != 1:
+        raise ValueError(f"initial.mean must be (n,), got shape {mean.shape}")
+    tangent = jax.eval_shape(space.residual, mean, mean).shape[0]
+    if cov.shape != (tangent, tangent):
+        raise ValueError(f"initial.cov must be ({tangent}, {tangent}) for a mean of shape {mean.shape}, got {cov.shape}")
+
+
+def names(name: str, given: Any, size: int, prefix: str | None) -> tuple[str, ...]:
+    """One string an element; `prefix0, prefix1, …` (or empty ones) where not given."""
+    if given is None:
+        return tuple("" if prefix is None else f"{prefix}{i}" for i in range(size))
+    if isinstance(given, str) or len(given) != size or not all(isinstance(s, str) for s in given):
+        raise ValueError(f"{name} must be {size} string(s), one an element, got {given!r}")
+    if prefix is not None and len(set(given)) != size:
+        raise ValueError(f"{name} must differ from each other, got {given!r}")
+    return tuple(given)
+
+
+def series(y: Any, u: Any, dtype: Any) -> tuple[Array, Any]:
+    """Measurements (T, m) and inputs with the same leading axis, in the dtype of the state."""
+    y = array("y", y).astype(dtype)
+    if y.ndim != 2:
+        hint = "; for a scalar series pass y[:, None]" if y.ndim == 1 else ""
+        raise ValueError(f"y must be (T, m), one row a sample, got shape {y.shape}{hint}")
+    if y.shape[0] == 0:
+        raise ValueError("y has no rows: at least one sample is needed")
+    if y.shape[1] == 0:
+        raise ValueError("y has no columns: at least one measured quantity is needed")
+    measured(y)
+    return y, inputs(u, y.shape[0], dtype)
+
+
+def measured(y: Any) -> None:
+    """NaN means not measured; infinity is refused."""
+    if known(y) and np.isinf(np.asarray(y)).any():
+        raise ValueError("y has infinite values; mark what was not measured with NaN")
+
+
+def long_enough(T: int, **noises: Any) -> None:
+    """A time-varying noise has at least T rows."""
+    for name, noise in noises.items():
+        for part, ndim in ((noise.cov, 3), (noise.mean, 2)):
+            if part.ndim == ndim and part.shape[0] < T:
+                raise ValueError(f"{name} is given for {part.shape[0]} instants, but y has {T} rows")
+
+
+def inputs(u: Any, T: int | None, dtype: Any) -> Any:
+    """Every leaf an array with leading axis T (any shape where T is None), floating ones in `dtype` and without NaN."""
+
+    def leaf(path: Any, value: Any) -> Array:
+        name = "u" + jax.tree_util.keystr(path)
+        made = jnp.asarray(value)
+        if T is not None and (made.ndim == 0 or made.shape[0] != T):
+            raise ValueError(f"{name} must have one row for each of the {T} rows of y, got shape {made.shape}")
+        if jnp.issubdtype(made.dtype, jnp.floating):
+            finite(name, made, "Inputs must be known: interpolate them, or hold the last value")
+            made = made.astype(dtype)
+        return made
+
+    return jax.tree_util.tree_map_with_path(leaf, u)
+
+
+def returned(name: str, value: Any, shape: tuple[int, ...], meaning: str) -> Array:
+    """What a user's function returned, as one array of the expected shape."""
+    try:
+        made = jnp.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"{name} must return one array of shape {shape}, got {type(value).__name__}; "
+            "put scalars together with jnp.stack([...])"
+        ) from error
+    if made.shape != shape:
+        raise ValueError(f"{name} must return an array of shape {shape} ({meaning}), got shape {made.shape}")
+    return made
+
+
+def selection(name: str, given: Any, allowed: tuple[str, ...]) -> tuple[str, ...]:
+    """A selection of names, each one allowed."""
+    given = (given,) if isinstance(given, str) else tuple(given)
+    unknown = [g for g in given if g not in allowed]
+    if unknown:
+        raise ValueError(f"{name} has unknown name(s) {unknown}; choose from {', '.join(allowed)}")
+    return given

@@ -1,0 +1,201 @@
+"""Filtering: predict, update, and both over a series.
+
+One step is `update` with y[k] and then `predict` with u[k]; `filter` scans it, `online` hands it out. Every method
+differs in the parts it is made of (rule, belief, carry), not here.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from sigmapoint import checks
+from sigmapoint.blackbox import reraised
+from sigmapoint.carry import Functions, Points
+from sigmapoint.gaussian import Belief, covariance
+from sigmapoint.iterate import relinearized
+from sigmapoint.linalg import solve_lower
+from sigmapoint.methods import Method, srcdkf
+from sigmapoint.model import NoiseSeries, StateSpaceModel
+from sigmapoint.results import FIELDS, Posterior
+
+LOG_2PI = 1.8378770664093453
+
+
+class FilterState(NamedTuple):
+    """What a filter knows at instant `step`: a belief, and the points that stand for it where a method carries them."""
+
+    belief: Belief
+    points: Points
+    step: Int[Array, ""]
+
+    @property
+    def mean(self) -> Float[Array, " d"]:
+        return self.belief.mean
+
+    @property
+    def cov(self) -> Float[Array, "n n"]:
+        return self.belief.cov
+
+    @property
+    def std(self) -> Float[Array, " n"]:
+        return self.belief.std
+
+
+class Info(NamedTuple):
+    """What an update saw: NaN in `innovation` where nothing was measured; `nis` counts what was."""
+
+    innovation: Float[Array, " m"]
+    innovation_cov: Float[Array, "m m"]
+    nis: Float[Array, ""]
+    log_likelihood: Float[Array, ""]
+
+
+class Filter(NamedTuple):
+    """A model made ready for a method: noises factored, functions checked as they are traced."""
+
+    model: StateSpaceModel
+    method: Method
+    process: NoiseSeries
+    observation: NoiseSeries
+
+    @classmethod
+    def of(cls, model: StateSpaceModel, method: Method) -> "Filter":
+        dtype = model.initial.mean.dtype
+        noises = (NoiseSeries.of(n, dtype) for n in (model.process_noise, model.observation_noise))
+        return cls(model, method, *noises)
+
+    def functions(self, k: Array, observed: tuple[int, ...] | None = None) -> Functions:
+        """The model at instant `k`; `observed` is the shape that h has to return."""
+        model, dtype = self.model, self.model.initial.mean.dtype
+
+        def f(*args: Any) -> Array:
+            value = checks.returned("dynamics", model.dynamics(*args), model.initial.mean.shape, "the next state")
+            return value.astype(dtype)
+
+        def h(*args: Any) -> Array:
+            value = model.observation(*args)
+            if observed is not None:
+                value = checks.returned("observation", value, observed, "one element for each column of y")
+            return jnp.asarray(value).astype(dtype)
+
+        noises = self.process.at(k), self.observation.at(k)
+        return Functions(f, h, *noises, model.state_space, model.observation_space)
+
+    def init(self) -> FilterState:
+        """The initial belief, at instant 0."""
+        initial = self.model.initial
+        belief = self.method.belief.of(initial.mean, initial.cov.astype(initial.mean.dtype))
+        return self._state(belief, jnp.zeros((), int))
+
+    def predict(self, state: FilterState, u: Any) -> FilterState:
+        """The belief about the next instant."""
+        joint, points = self.method.carry.transition(self.method.rule, state.belief, self.functions(state.step), u)
+        return FilterState(self.method.belief.marginal(joint.value, joint.noise), points, state.step + 1)
+
+    def update(self, state: FilterState, y: Float[Array, " d"], u: Any) -> tuple[FilterState, Info]:
+        """The belief after a measurement; elements that are NaN were not measured."""
+        belief, fs = state.belief, self.functions(state.step, y.shape)
+        active = _measured(y, jax.eval_shape(fs.observation_space.residual, y, y).shape[0])
+        self.model.observation_noise.fits("observation_noise", active.shape[0], "measurement")
+        joint = self.method.carry.measurement(self.method.rule, belief, state.points, fs, u)
+        y_known = jnp.where(jnp.isnan(y), joint.value.mean, y)
+        innovation = jnp.where(active, fs.observation_space.residual(y_known, joint.value.mean), 0.0)
+        split = type(belief).split(joint.value, joint.state, joint.noise, active)
+        info = _info(split.factor, innovation, covariance(joint.value, joint.noise), active)
+        if self.method.iterations > 1:
+            passes = self.method.iterations - 1
+            joint, innovation = relinearized(self.method.rule, passes, joint, belief, fs, y, u, active)
+            split = type(belief).split(joint.value, joint.state, joint.noise, active)
+        mean = fs.state_space.retract(joint.state.mean, split.gain(innovation))
+        return self._state(type(belief).assemble(mean, split.remainder), state.step), info
+
+    def _state(self, belief: Belief, step: Array) -> FilterState:
+        points = self.method.carry.draw(self.method.rule, belief, self.functions(step))
+        return FilterState(belief, points, step)
+
+
+def filter(  # noqa: A001 (the public name)
+    model: StateSpaceModel,
+    y: Any,
+    u: Any = None,
+    method: Method | None = None,
+    *,
+    keep: tuple[str, ...] = FIELDS,
+) -> Posterior:
+    """Estimate the states of a model from measurements, each from those up to its own instant.
+
+    Args:
+        model: the model.
+        y: measurements (T, m), in the units of the observation function; NaN where an element was not measured.
+        u: inputs, any pytree of arrays with leading axis T, or nothing.
+        method: how, e.g. `srukf()`, `ekf()`; `srcdkf()` where not given.
+        keep: which results to keep, to save memory on long series: a selection of `mean`, `cov`, `std`, `innovation`,
+            `innovation_cov`, `nis`. The log-likelihood is always kept.
+
+    Returns:
+        A `Posterior` of filtered beliefs.
+
+    Raises:
+        ValueError: shapes that do not fit, NaN in `u`, infinite measurements, an unknown name in `keep`.
+
+    Example:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> post = sp.filter(model, jnp.array([[1.0], [jnp.nan], [0.5]]), method=sp.ukf())
+        >>> post.mean.shape, post.log_likelihood.shape
+        ((3, 1), ())
+    """
+    y, u = prepared(model, y, u)
+    keep = checks.selection("keep", keep, FIELDS)
+    with reraised():
+        kept = _filter(model, y, u, method or srcdkf(), keep)
+    return Posterior.of(model, y, u, kept)
+
+
+def prepared(model: StateSpaceModel, y: Any, u: Any) -> tuple[Array, Any]:
+    """Checked measurements and inputs."""
+    if not isinstance(model, StateSpaceModel):
+        raise ValueError(f"model must be a sp.StateSpaceModel, got {type(model).__name__}")
+    y, u = checks.series(y, u, model.initial.mean.dtype)
+    checks.long_enough(y.shape[0], process_noise=model.process_noise, observation_noise=model.observation_noise)
+    return y, u
+
+
+@eqx.filter_jit
+def _filter(model: StateSpaceModel, y: Array, u: Any, method: Method, keep: tuple[str, ...]) -> dict[str, Array]:
+    return scan(Filter.of(model, method), y, u, lambda state, info: _kept(state, info, keep))[1]
+
+
+def scan(run: Filter, y: Array, u: Any, out: Any) -> tuple[FilterState, dict[str, Array]]:
+    """Update and predict over a series; `out(state, info)` says what to keep of each instant, beside the likelihood."""
+
+    def step(carry: tuple[FilterState, Array], row: tuple[Array, Any]) -> tuple[tuple[FilterState, Array], Any]:
+        state, total = carry
+        state, info = run.update(state, *row)
+        return (run.predict(state, row[1]), total + info.log_likelihood), out(state, info)
+
+    start = (run.init(), jnp.zeros((), y.dtype))
+    (last, total), kept = jax.lax.scan(step, start, (y, u))
+    return last, {**kept, "log_likelihood": total}
+
+
+def _kept(state: FilterState, info: Info, keep: tuple[str, ...]) -> dict[str, Array]:
+    return {name: getattr(info if name in Info._fields else state, name) for name in keep}
+
+
+def _measured(y: Array, size: int) -> Bool[Array, " m"]:
+    missing = jnp.isnan(y)
+    return ~missing if y.shape[0] == size else jnp.broadcast_to(~missing.any(), (size,))
+
+
+def _info(S: Array, innovation: Array, cov: Array, active: Array) -> Info:
+    white = solve_lower(S, innovation)
+    nis = white @ white
+    pivots = jnp.where(active, jnp.diagonal(S), 1.0)
+    count = jnp.sum(active)
+    log_density = -0.5 * (nis + count * LOG_2PI) - jnp.sum(jnp.log(pivots))
+    return Info(jnp.where(active, innovation, jnp.nan), cov, nis, log_density)

@@ -1,0 +1,215 @@
+"""Beliefs: a Gaussian as (mean, covariance) or as (mean, square root), and the one operation behind every filter step.
+
+Two jointly Gaussian vectors, both written over the same standard normal variables (`Linearization`),
+
+    y ≈ ȳ + Φ_y ξ + E_y ε + v,   x ≈ x̄ + Φ_x ξ + E_x ε,   v ~ N(0, R),
+
+are split into y and the part of x that y does not determine: S Sᵀ = P_yy, W = P_xy S⁻ᵀ (so the gain is K = W S⁻¹) and
+the remainder B of x given y. Conditioning on a measurement and reversing a transition (for smoothing) are both this.
+
+* Dense: B = (Φ_x − K Φ_y)(·)ᵀ + (E_x − K E_y)(·)ᵀ + K R Kᵀ, Joseph's form: a sum of squares, never a difference.
+* Square root: `tria [[Φ_y E_y S_R D], [Φ_x E_x 0 0]] = [[S 0], [W B]]`, one Householder triangularisation, no downdate.
+
+Rows of y that carry no information (not measured, or with a variance of exactly zero) are emptied and get a unit
+pseudo-noise D of their own, so that S stays regular and their gain is exactly zero.
+"""
+
+from typing import NamedTuple, Protocol, Self
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from sigmapoint.linalg import cholesky, norm_rows, solve_lower, solve_upper, tria
+from sigmapoint.rules.linearization import Linearization
+
+
+class Spread(NamedTuple):
+    """A noise covariance together with a lower factor of it, made once and used by either belief."""
+
+    cov: Float[Array, "q q"]
+    factor: Float[Array, "q q"]
+
+    @classmethod
+    def of(cls, cov: Float[Array, "q q"]) -> "Spread":
+        return cls(cov, cholesky(cov))
+
+    def masked(self, active: Bool[Array, " q"]) -> "Spread":
+        """The same noise without the rows that are not active."""
+        rows = active.astype(self.cov.dtype)
+        return Spread(self.cov * rows * rows[:, None], self.factor * rows[:, None])
+
+
+class Split(NamedTuple):
+    """`y` and the rest of `x`: factor S of P_yy, root gain W (gain K = W S⁻¹), and spread B of x given y."""
+
+    factor: Float[Array, "d d"]
+    gain_root: Float[Array, "n d"]
+    remainder: Float[Array, "n n"]
+
+    def gain(self, difference: Float[Array, "d *k"]) -> Float[Array, "n *k"]:
+        """K times a difference in y."""
+        return self.gain_root @ solve_lower(self.factor, difference)
+
+
+class Belief(Protocol):
+    """A Gaussian belief about a state. `mean` may be longer than the covariance (a point on a manifold)."""
+
+    @property
+    def mean(self) -> Float[Array, " d"]: ...
+    @property
+    def cov(self) -> Float[Array, "n n"]: ...
+    @property
+    def factor(self) -> Float[Array, "n n"]: ...
+    @property
+    def std(self) -> Float[Array, " n"]: ...
+
+    @classmethod
+    def of(cls, mean: Float[Array, " d"], cov: Float[Array, "n n"]) -> Self:
+        """From a mean and a covariance."""
+        ...
+
+    @classmethod
+    def assemble(cls, mean: Float[Array, " d"], spread: Float[Array, "n n"]) -> Self:
+        """From a mean and what `split` gives as remainder: a covariance (dense) or a factor (square root)."""
+        ...
+
+    @classmethod
+    def marginal(cls, x: Linearization, noise: Spread | None) -> Self:
+        """The belief about `x`, with independent noise added."""
+        ...
+
+    @classmethod
+    def split(cls, y: Linearization, x: Linearization, noise: Spread | None, active: Bool[Array, " d"]) -> Split:
+        """Split the joint of `y` (plus noise) and `x`; see the module."""
+        ...
+
+    @classmethod
+    def mix(cls, mean: Float[Array, " d"], root: Float[Array, "n k"], remainder: Float[Array, "n n"]) -> Self:
+        """The belief with covariance `root rootᵀ` plus the remainder of a `split`."""
+        ...
+
+
+class Dense(NamedTuple):
+    """Mean and covariance."""
+
+    mean: Float[Array, " d"]
+    cov: Float[Array, "n n"]
+
+    @property
+    def factor(self) -> Float[Array, "n n"]:
+        return cholesky(self.cov)
+
+    @property
+    def std(self) -> Float[Array, " n"]:
+        variance = jnp.diagonal(self.cov)
+        return jnp.where(variance > 0, jnp.sqrt(jnp.where(variance > 0, variance, 1.0)), 0.0)
+
+    @classmethod
+    def of(cls, mean: Float[Array, " d"], cov: Float[Array, "n n"]) -> Self:
+        return cls(mean, cov)
+
+    @classmethod
+    def assemble(cls, mean: Float[Array, " d"], spread: Float[Array, "n n"]) -> Self:
+        return cls(mean, spread)
+
+    @classmethod
+    def marginal(cls, x: Linearization, noise: Spread | None) -> Self:
+        return cls(x.mean, covariance(x, noise))
+
+    @classmethod
+    def split(cls, y: Linearization, x: Linearization, noise: Spread | None, active: Bool[Array, " d"]) -> Split:
+        y, noise, active = _informative(y, noise, active)
+        S = cholesky(covariance(y, noise) + jnp.diag((~active).astype(y.slope.dtype)))
+        W = solve_lower(S, y.slope @ x.slope.T + _product(y.residual, x.residual)).T
+        K = solve_upper(S, W.T).T
+        parts = [x.slope - K @ y.slope, _padded(x.residual, y.residual) - K @ y.residual]
+        B = sum((p @ p.T for p in parts), start=jnp.zeros_like(x.slope @ x.slope.T))
+        if noise is not None:
+            B = B + K @ noise.cov @ K.T
+        return Split(S, W, symmetric(B))
+
+    @classmethod
+    def mix(cls, mean: Float[Array, " d"], root: Float[Array, "n k"], remainder: Float[Array, "n n"]) -> Self:
+        return cls(mean, symmetric(root @ root.T + remainder))
+
+
+class SquareRoot(NamedTuple):
+    """Mean and lower factor of the covariance."""
+
+    mean: Float[Array, " d"]
+    factor: Float[Array, "n n"]
+
+    @property
+    def cov(self) -> Float[Array, "n n"]:
+        return symmetric(self.factor @ self.factor.T)
+
+    @property
+    def std(self) -> Float[Array, " n"]:
+        return norm_rows(self.factor)
+
+    @classmethod
+    def of(cls, mean: Float[Array, " d"], cov: Float[Array, "n n"]) -> Self:
+        return cls(mean, cholesky(cov))
+
+    @classmethod
+    def assemble(cls, mean: Float[Array, " d"], spread: Float[Array, "n n"]) -> Self:
+        return cls(mean, spread)
+
+    @classmethod
+    def marginal(cls, x: Linearization, noise: Spread | None) -> Self:
+        if noise is None:
+            return cls(x.mean, tria(jnp.concatenate([x.slope, x.residual], axis=1)))
+        columns = [x.slope, x.residual, jax.lax.stop_gradient(noise.factor)]
+        return cls(x.mean, tria(jnp.concatenate(columns, axis=1), known=noise.cov))
+
+    @classmethod
+    def split(cls, y: Linearization, x: Linearization, noise: Spread | None, active: Bool[Array, " d"]) -> Split:
+        y, noise, active = _informative(y, noise, active)
+        d, n = y.slope.shape[0], x.slope.shape[0]
+        dtype = y.slope.dtype
+        if noise is None:
+            noise = Spread(jnp.zeros((d, d), dtype), jnp.zeros((d, 0), dtype))
+        own = [jax.lax.stop_gradient(noise.factor), jnp.diag((~active).astype(dtype))]
+        top = jnp.concatenate([y.slope, y.residual, *own], axis=1)
+        bottom = jnp.concatenate([x.slope, _padded(x.residual, y.residual)], axis=1)
+        bottom = jnp.pad(bottom, ((0, 0), (0, top.shape[1] - bottom.shape[1])))
+        root = tria(jnp.concatenate([top, bottom]), known=jnp.pad(noise.cov, ((0, n), (0, n))))
+        return Split(root[:d, :d], root[d:, :d], root[d:, d:])
+
+    @classmethod
+    def mix(cls, mean: Float[Array, " d"], root: Float[Array, "n k"], remainder: Float[Array, "n n"]) -> Self:
+        return cls(mean, tria(jnp.concatenate([root, remainder], axis=1)))
+
+
+def covariance(x: Linearization, noise: Spread | None) -> Float[Array, "d d"]:
+    """Φ Φᵀ + E Eᵀ, plus that of the noise: exactly symmetric."""
+    P = x.slope @ x.slope.T + x.residual @ x.residual.T
+    return symmetric(P if noise is None else P + noise.cov)
+
+
+def symmetric(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """The symmetric part of a matrix."""
+    return (P + P.T) / 2
+
+
+def _informative(
+    y: Linearization, noise: Spread | None, active: Bool[Array, " d"]
+) -> tuple[Linearization, Spread | None, Bool[Array, " d"]]:
+    """Empty the rows of y that are not active or have no variance at all."""
+    variance = jnp.sum(y.slope**2, axis=1) + jnp.sum(y.residual**2, axis=1)
+    if noise is not None:
+        variance = variance + jnp.diagonal(noise.cov)
+    active = active & (variance > 0)
+    keep = active[:, None].astype(y.slope.dtype)
+    y = Linearization(y.mean, y.slope * keep, y.residual * keep)
+    return y, (None if noise is None else noise.masked(active)), active
+
+
+def _padded(residual: Array, like: Array) -> Array:
+    """The residual of x over the ε of y: x that is exactly linear in ξ has no columns of its own."""
+    return residual if residual.shape[1] else jnp.zeros((residual.shape[0], like.shape[1]), residual.dtype)
+
+
+def _product(Ey: Array, Ex: Array) -> Array:
+    return Ey @ Ex.T if Ex.shape[1] else jnp.zeros((Ey.shape[0], Ex.shape[0]), Ey.dtype)

@@ -1,0 +1,101 @@
+"""Small linear algebra on covariance factors that never breaks.
+
+A covariance `P` is carried as a lower factor `L` with `P = L Lᵀ`. The four operations here are all that the filters
+need, and each is defined for positive *semi*-definite matrices: a variance of zero gives a zero column, not a NaN, and
+derivatives stay finite there.
+
+Derivative of the triangularisation. With `A = L Q` (Q with orthonormal rows) and `B = dA Qᵀ`, the covariance moves by
+`B Lᵀ + L Bᵀ`. Any antisymmetric `K` may be taken off, `dL = B − L K`, and `K` is chosen row by row so that `dL` is lower
+triangular: the strictly upper part of `K` is that of `L⁻¹B`, by forward substitution in which a zero pivot gives zero.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Lower factor of a positive semi-definite matrix, column by column.
+
+    A pivot that is not above round-off of its own diagonal element gives a zero column, so that a singular (or, by
+    round-off, slightly indefinite) matrix has a finite factor. The lower triangle of `P` is read.
+    """
+    n = P.shape[0]
+    floor = jnp.finfo(P.dtype).eps * jnp.diagonal(P)
+    columns, rest = [], P
+    for j in range(n):
+        pivot = rest[j, j]
+        positive = pivot > floor[j]
+        root = jnp.sqrt(jnp.where(positive, pivot, 1.0))
+        below = jnp.arange(n) >= j
+        column = jnp.where(below & positive, rest[:, j] / root, 0.0)
+        columns.append(column)
+        rest = rest - jnp.outer(column, column)
+    return jnp.stack(columns, axis=1)
+
+
+def solve_lower(S: Float[Array, "n n"], b: Float[Array, "n *k"]) -> Float[Array, "n *k"]:
+    """`S⁻¹ b` by forward substitution; a row with a zero pivot gives zero."""
+    return _solve(S, b, transposed=0)
+
+
+def solve_upper(S: Float[Array, "n n"], b: Float[Array, "n *k"]) -> Float[Array, "n *k"]:
+    """`S⁻ᵀ b` for lower `S` by back substitution; a row with a zero pivot gives zero."""
+    return _solve(S, b, transposed=1)
+
+
+def _solve(S: Array, b: Array, transposed: int) -> Array:
+    regular = jnp.diagonal(S) != 0
+    S = jnp.where(regular[:, None] & regular[None, :], S, jnp.eye(S.shape[0], dtype=S.dtype))
+    b = jnp.where(regular.reshape((-1,) + (1,) * (b.ndim - 1)), b, 0.0)
+    return jax.scipy.linalg.solve_triangular(S, b, lower=True, trans=transposed)
+
+
+def norm_rows(A: Float[Array, "n k"]) -> Float[Array, " n"]:
+    """Euclidean norm of each row, with a derivative of zero (not NaN) at a zero row."""
+    squares = jnp.sum(A * A, axis=1)
+    return jnp.where(squares > 0, jnp.sqrt(jnp.where(squares > 0, squares, 1.0)), 0.0)
+
+
+def tria(A: Float[Array, "n k"], known: Float[Array, "n n"] | None = None) -> Float[Array, "n n"]:
+    """Lower triangular `L` with `L Lᵀ = A Aᵀ` and a diagonal that is not negative, by Householder reflections.
+
+    Args:
+        A: columns whose outer products add up to the covariance.
+        known: a covariance that some of the columns of `A` are a (derivative-free) factor of. It adds nothing to the
+            value; derivatives flow through it instead of through its factor, whose own derivative is infinite where
+            the covariance is zero.
+    """
+    n, k = A.shape
+    if k < n:
+        A = jnp.concatenate([A, jnp.zeros((n, n - k), A.dtype)], axis=1)
+    return _tria(A, jnp.zeros((n, n), A.dtype) if known is None else known)
+
+
+@jax.custom_jvp
+def _tria(A: Array, known: Array) -> Array:
+    del known
+    R = jnp.linalg.qr(A.T, mode="r")
+    return R.T * _signs(R)
+
+
+@_tria.defjvp
+def _tria_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+    (A, known), (dA, dknown) = primals, tangents
+    Q, R = jnp.linalg.qr(A.T)
+    L = R.T * _signs(R)
+    B = (dA @ Q) * _signs(R) + 0.5 * _resolved(L, dknown).T
+    K = jnp.triu(_resolved(L, B), 1)
+    return L, jnp.tril(B - L @ (K - K.T))
+
+
+def _signs(R: Array) -> Array:
+    return jnp.where(jnp.diagonal(R) < 0, -1.0, 1.0).astype(R.dtype)
+
+
+def _resolved(L: Array, b: Array) -> Array:
+    """`L⁻¹ b` where pivots that are mere round-off of their row count as zero."""
+    pivots = jnp.diagonal(L)
+    noise = jnp.finfo(L.dtype).eps * L.shape[0] * norm_rows(L)
+    solid = jnp.abs(pivots) > noise
+    return solve_lower(jnp.where(jnp.diag(~solid), 0.0, L), b)

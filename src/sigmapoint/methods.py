@@ -1,0 +1,160 @@
+"""Methods by name: each is one expression, a rule with a kind of belief.
+
+| method | rule | points in n dimensions |
+|---|---|---|
+| `ekf` | first-order Taylor | 1, and n derivatives |
+| `ukf` | scaled unscented | 2n+1 |
+| `julier_ukf` | unscented, free centre weight | 2n+1 |
+| `simplex_ukf` | reduced simplex | n+1, or n+2 |
+| `cdkf` | central differences | 2n+1 |
+| `ckf` | cubature | 2n |
+| `ghkf` | Gauss-Hermite product | orderⁿ |
+
+Those with `sr` before the name carry a square root of the covariance in place of the covariance.
+"""
+
+from dataclasses import dataclass, replace
+
+from sigmapoint.carry import Augmented, Carry, ExtendedSet, Redraw
+from sigmapoint.gaussian import Belief, Dense, SquareRoot
+from sigmapoint.rules.central import CentralDifference
+from sigmapoint.rules.cubature import Cubature
+from sigmapoint.rules.hermite import GaussHermite
+from sigmapoint.rules.linearization import Rule, SigmaPointRule
+from sigmapoint.rules.simplex import Simplex
+from sigmapoint.rules.taylor import Taylor
+from sigmapoint.rules.unscented import Julier, Unscented
+
+
+@dataclass(frozen=True)
+class Method:
+    """A Gaussian filter: `rule` × `belief`, how points are carried from f to h, and how often an update is iterated."""
+
+    rule: Rule
+    belief: type[Belief]
+    carry: Carry = Redraw()  # noqa: RUF009 (frozen, without fields)
+    iterations: int = 1
+
+
+def ekf() -> Method:
+    """Extended Kalman filter: first-order Taylor (Wan & van der Merwe 2001, Table 7.2.1)."""
+    return Method(Taylor(), Dense)
+
+
+def srekf() -> Method:
+    """Extended Kalman filter on a square root of the covariance."""
+    return Method(Taylor(), SquareRoot)
+
+
+def ukf(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> Method:
+    """Unscented Kalman filter (Wan & van der Merwe 2001, Table 7.3.2).
+
+    Args:
+        alpha: spread of the points, relative; small values (1e-3) look only near the mean, and lose digits in float32.
+        beta: knowledge of the prior's tails; 2 is best for Gaussians.
+        kappa: secondary spread; 0, or 3 − n.
+
+    Raises:
+        ValueError: settings whose covariance can lose positive definiteness.
+
+    Example:
+        >>> import sigmapoint as sp
+        >>> sp.ukf(alpha=1e-3).rule.kappa
+        0.0
+    """
+    return Method(Unscented(float(alpha), float(beta), float(kappa)), Dense)
+
+
+def srukf(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> Method:
+    """Square-root unscented Kalman filter; arguments as `ukf`. No downdate: it cannot fail to factor."""
+    return replace(ukf(alpha, beta, kappa), belief=SquareRoot)
+
+
+def julier_ukf(w0: float = 1 / 3) -> Method:
+    """Unscented filter with centre weight `w0` in [0, 1) (Julier & Uhlmann 1997)."""
+    return Method(Julier(float(w0)), Dense)
+
+
+def srjulier_ukf(w0: float = 1 / 3) -> Method:
+    """`julier_ukf` on a square root of the covariance."""
+    return replace(julier_ukf(w0), belief=SquareRoot)
+
+
+def simplex_ukf(alpha: float = 1.0, beta: float = 1.0, w0: float = 0.0) -> Method:
+    """Unscented filter on the fewest points: n+1 (`w0` = 0) or n+2 (Julier 2003). Exact for means to second degree."""
+    return Method(Simplex(float(alpha), float(beta), float(w0)), Dense)
+
+
+def srsimplex_ukf(alpha: float = 1.0, beta: float = 1.0, w0: float = 0.0) -> Method:
+    """`simplex_ukf` on a square root of the covariance."""
+    return replace(simplex_ukf(alpha, beta, w0), belief=SquareRoot)
+
+
+def cdkf(h: float = 3**0.5) -> Method:
+    """Central difference Kalman filter with interval `h` (Nørgaard et al. 2000); h² = 3 suits Gaussians."""
+    return Method(CentralDifference(float(h)), Dense)
+
+
+def srcdkf(h: float = 3**0.5) -> Method:
+    """Square-root central difference Kalman filter; the recommended default."""
+    return replace(cdkf(h), belief=SquareRoot)
+
+
+def ckf() -> Method:
+    """Cubature Kalman filter (Arasaratnam & Haykin 2009)."""
+    return Method(Cubature(), Dense)
+
+
+def srckf() -> Method:
+    """Square-root cubature Kalman filter."""
+    return Method(Cubature(), SquareRoot)
+
+
+def ghkf(order: int = 3) -> Method:
+    """Gauss-Hermite Kalman filter: `order`ⁿ points, for few states (Ito & Xiong 2000)."""
+    return Method(GaussHermite(order), Dense)
+
+
+def srghkf(order: int = 3) -> Method:
+    """Square-root Gauss-Hermite Kalman filter."""
+    return Method(GaussHermite(order), SquareRoot)
+
+
+def iterated(method: Method, iterations: int = 3) -> Method:
+    """The same filter with its measurement update iterated.
+
+    Every pass linearises about the latest posterior and updates *from the prior*, so a measurement is counted once: the
+    iterated extended Kalman filter for `ekf`, iterated posterior linearisation (García-Fernández et al. 2015) for rules
+    with points. Innovations and the likelihood are those of the prediction (the first pass).
+
+    Args:
+        method: any method that redraws its points.
+        iterations: number of passes; 1 is the plain filter.
+
+    Raises:
+        ValueError: fewer than one pass, or a method that carries points.
+    """
+    if not (isinstance(iterations, int) and iterations >= 1):
+        raise ValueError(f"iterations must be a whole number of at least 1, got {iterations!r}")
+    if iterations > 1 and not isinstance(method.carry, Redraw):
+        raise ValueError("iterated: a method that carries one point set through f and h cannot draw a new one for h")
+    return replace(method, iterations=iterations)
+
+
+def augmented(method: Method) -> Method:
+    """One point set for (x, v, n) through both f and h (Wan & van der Merwe 2001, Table 7.3.1).
+
+    For `ekf` nothing changes: a derivative at the mean has no points to carry.
+    """
+    return _carrying(method, Augmented())
+
+
+def extended_set(method: Method) -> Method:
+    """The propagated points, extended by points for the process noise, go on through h (footnote 6 to Table 7.3.2)."""
+    return _carrying(method, ExtendedSet())
+
+
+def _carrying(method: Method, carry: Carry) -> Method:
+    if method.iterations > 1:
+        raise ValueError("an iterated method draws new points for h; it cannot carry those of f")
+    return replace(method, carry=carry) if isinstance(method.rule, SigmaPointRule) else method

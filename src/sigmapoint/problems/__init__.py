@@ -1,0 +1,1 @@
+"""Estimation problems from practice: one model a file, with its data or simulator and its source."""

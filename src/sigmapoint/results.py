@@ -1,0 +1,93 @@
+"""The result of a filter or smoother."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+FIELDS = ("mean", "cov", "std", "innovation", "innovation_cov", "nis")
+
+
+class Labels(eqx.Module):
+    """Names and units of states and measurements."""
+
+    states: tuple[str, ...] = eqx.field(static=True)
+    state_units: tuple[str, ...] = eqx.field(static=True)
+    observations: tuple[str, ...] = eqx.field(static=True)
+    observation_units: tuple[str, ...] = eqx.field(static=True)
+
+
+class Posterior(eqx.Module):
+    """Beliefs over a series; what was not kept is None. Under `jax.vmap` every field has a further leading axis.
+
+    Attributes:
+        mean, std: estimates and their standard deviations (T, n), in the units of the state.
+        cov: their covariances (T, n, n), symmetric and positive semi-definite.
+        log_likelihood: natural logarithm of the density of all measurements ().
+        innovation: measurement minus its prediction (T, m); NaN where not measured.
+        innovation_cov: covariance of the predicted measurement (T, m, m), of all elements, measured or not.
+        nis: normalised innovation squared (T,); in a consistent filter chi-squared with as many degrees of freedom as
+            elements were measured.
+        y, u: what went in.
+    """
+
+    mean: Float[Array, "*B T d"] | None
+    cov: Float[Array, "*B T n n"] | None
+    std: Float[Array, "*B T n"] | None
+    innovation: Float[Array, "*B T m"] | None
+    innovation_cov: Float[Array, "*B T m m"] | None
+    nis: Float[Array, "*B T"] | None
+    log_likelihood: Float[Array, "*B"]
+    y: Float[Array, "*B T e"]
+    u: Any
+    labels: Labels
+
+    @classmethod
+    def of(cls, model: Any, y: Array, u: Any, kept: dict[str, Array]) -> "Posterior":
+        """From what a run kept."""
+        labels = Labels(model.state_names, model.state_units, model.observation_names, model.observation_units)
+        fields = {name: kept.get(name) for name in FIELDS}
+        return cls(**fields, log_likelihood=kept["log_likelihood"], y=y, u=u, labels=labels)
+
+    def to_xarray(self, time: Any = None) -> Any:
+        """As an `xarray.Dataset` with named states and measurements.
+
+        Args:
+            time: instants (T,), numbers or dates; 0, 1, 2, … where not given.
+
+        Raises:
+            ValueError: `time` of another length; a batch of results (pick one first).
+            ImportError: xarray is not installed (`pip install sigmapoint[cli]`).
+
+        Example:
+            >>> import jax.numpy as jnp, sigmapoint as sp
+            >>> model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+            ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)), state_names=("level",))
+            >>> list(sp.filter(model, jnp.ones((5, 1))).to_xarray().state.values)
+            ['level']
+        """
+        from sigmapoint.tables import to_xarray
+
+        return to_xarray(self, time)
+
+    def plot(self, time: Any = None, truth: Any = None) -> Any:
+        """Draw each state with its ±2σ band; returns the matplotlib axes.
+
+        Args:
+            time: instants (T,), for the horizontal axis.
+            truth: true states (T, n), drawn as lines.
+        """
+        from sigmapoint.report.axes import plot_states
+
+        return plot_states(self, time, truth)
+
+
+def series_of(post: Posterior) -> tuple[np.ndarray, np.ndarray]:
+    """Means and standard deviations (T, n) of one series, as NumPy arrays."""
+    if post.mean is None or post.std is None:
+        raise ValueError("this result has no mean or no std: call sp.filter with keep=('mean', 'std', ...)")
+    if post.mean.ndim != 2:
+        raise ValueError(f"this result is a batch, mean has shape {post.mean.shape}; pick one with jax.tree.map(lambda a: a[i], post)")
+    return np.asarray(jax.device_get(post.mean)), np.asarray(jax.device_get(post.std))

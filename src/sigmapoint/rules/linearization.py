@@ -1,0 +1,169 @@
+"""What every rule returns, and what every sigma-point rule is made of.
+
+A rule looks at a function `g` of a standard normal vector `ξ` and writes it as
+
+    g(ξ) ≈ ȳ + Φ ξ + E ε,      ε ~ N(0, I) independent of ξ,
+
+so that `P_yy = Φ Φᵀ + E Eᵀ`, and the cross-covariance with `x = m + L ξ` is `P_xy = L Φᵀ`.
+
+For a sigma-point rule all three are *fixed linear maps of the function values at fixed points*. Such a rule is
+therefore four constant arrays that depend on the dimension alone (`SigmaPoints`), and a new rule is a function that
+fills them in. With non-negative weights `w`, `√w` and the rows `√w ξ_j` are orthonormal for every rule that is exact to
+second degree; the mean and Φ are the projections on them, and E is what is left, in any orthonormal basis.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from sigmapoint.linalg import solve_upper
+from sigmapoint.spaces import Space
+
+
+class Linearization(NamedTuple):
+    """`g(ξ) ≈ mean + slope ξ + residual ε` (in the output's space: `mean` is a point, the rest are differences)."""
+
+    mean: Float[Array, " d"]
+    slope: Float[Array, "c n"]
+    residual: Float[Array, "c k"]
+
+
+class SigmaPoints(NamedTuple):
+    """The constants of a sigma-point rule in `n` dimensions; row 0 is the centre, whatever its weight.
+
+    The function values `Y` (one row a point) give mean `Y₀ + mean·D`, Φᵀ = `slope D` and Eᵀ = `residual D` with
+    `D = Y − Y₀`. The centre's own column drops out, because `D₀ = 0`.
+    """
+
+    points: Float[np.ndarray, "p n"]
+    mean: Float[np.ndarray, " p"]
+    slope: Float[np.ndarray, "n p"]
+    residual: Float[np.ndarray, "k p"]
+
+
+class Rule(Protocol):
+    """How a function of a standard normal vector is linearised."""
+
+    def __call__(self, g: Callable[[Array], Array], origin: Float[Array, " n"], space: Space) -> Linearization:
+        """Linearise `g` about N(0, I). `origin` is the zero vector (its size and dtype); `space` is that of g's values."""
+        ...
+
+    def about(
+        self,
+        g: Callable[[Array], Array],
+        mean: Float[Array, " n"],
+        factor: Float[Array, "n n"],
+        space: Space,
+    ) -> Linearization:
+        """Linearise `g` about N(mean, factor factorᵀ), with the slope in g's own argument."""
+        ...
+
+
+@dataclass(frozen=True)
+class SigmaPointRule:
+    """A rule from function values alone. A subclass says which constants, in `sigma_points`."""
+
+    @abstractmethod
+    def sigma_points(self, n: int) -> SigmaPoints:
+        """The constants in `n` dimensions; ValueError where the parameters do not work."""
+
+    def __call__(self, g: Callable[[Array], Array], origin: Float[Array, " n"], space: Space) -> Linearization:
+        points = jnp.asarray(self.constants(origin.shape[0]).points, origin.dtype)
+        return self.combine(jax.vmap(g)(points), origin.shape[0], space)
+
+    def about(
+        self,
+        g: Callable[[Array], Array],
+        mean: Float[Array, " n"],
+        factor: Float[Array, "n n"],
+        space: Space,
+    ) -> Linearization:
+        lin = self(lambda eta: g(mean + factor @ eta), jnp.zeros_like(mean), space)
+        return lin._replace(slope=solve_upper(factor, lin.slope.T).T)
+
+    def combine(self, values: Float[Array, "p d"], n: int, space: Space) -> Linearization:
+        """The linearisation from the function values at the points of dimension `n`."""
+        constants = self.constants(n)
+        D = jax.vmap(space.residual, (0, None))(values[1:], values[0])
+        shift, slope, residual = (
+            jnp.asarray(c[..., 1:], D.dtype) @ D for c in (constants.mean, constants.slope, constants.residual)
+        )
+        return Linearization(space.retract(values[0], shift), slope.T, residual.T)
+
+    def constants(self, n: int) -> SigmaPoints:
+        """`sigma_points(n)`, remembered."""
+        return _remembered(self, n)
+
+
+@lru_cache(maxsize=512)
+def _remembered(rule: SigmaPointRule, n: int) -> SigmaPoints:
+    return rule.sigma_points(n)
+
+
+def symmetric_points(n: int, spread: float) -> Float[np.ndarray, "2n+1 n"]:
+    """The centre and `± spread` along each axis: 0, +e₁ … +eₙ, −e₁ … −eₙ."""
+    axes = spread * np.eye(n)
+    return np.concatenate([np.zeros((1, n)), axes, -axes])
+
+
+def from_weights(
+    points: Float[np.ndarray, "p n"], weights: Float[np.ndarray, " p"], excess: float = 0.0
+) -> SigmaPoints:
+    """The constants of a set with weights, where Cov = Σᵢ wᵢ (Yᵢ−Y₀)(Yᵢ−Y₀)ᵀ + (excess − 1) μ μᵀ, μ = Σᵢ wᵢ (Yᵢ−Y₀).
+
+    Args:
+        points: row 0 is the centre (zero); the others have Σ wξ = 0 and Σ wξξᵀ = I.
+        weights: of all points; that of the centre is implied (any real number), the others are positive.
+        excess: 0 is the mean-centred covariance of a probability rule. A scaled rule has `excess = 1 + β − α²`.
+
+    Derivation: in D̃ᵢ = √wᵢ (Yᵢ−Y₀) the covariance is D̃ᵀ (I + (excess−1) v vᵀ) D̃ with v = √w and |v|² = s = Σᵢ wᵢ. The
+    directions `√w ξ_j` carry Φ; they are orthogonal to v. What remains is scaled along v by c² = 1 + (excess−1) s. So
+    the covariance is positive semi-definite, and E real, exactly where c² ≥ 0: also with a negative centre weight.
+
+    Raises:
+        ValueError: where c² < 0.
+    """
+    w = np.sqrt(weights[1:])
+    s = float(weights[1:].sum())
+    c2 = 1.0 + (excess - 1.0) * s
+    if c2 < -1e-12:
+        raise ValueError(
+            f"sigma points in {points.shape[1]} dimensions would give a covariance that is not positive semi-definite; "
+            "take beta >= alpha**2 (beta=2 suits Gaussian priors), or kappa >= 0 with alpha=1"
+        )
+    phi = w[:, None] * points[1:]
+    v = w / np.sqrt(s)
+    rest = np.eye(len(w)) - phi @ phi.T + (np.sqrt(max(c2, 0.0)) - 1.0) * np.outer(v, v)
+    return SigmaPoints(points, weights, _behind_centre(phi.T * w), _behind_centre(_compressed(rest) * w))
+
+
+def paired(points: Float[np.ndarray, "p n"], weights: Float[np.ndarray, " p"], even: float, mixed: float) -> SigmaPoints:
+    """The constants of a symmetric set (`symmetric_points`) whose even parts give E.
+
+    With Dᵢ± the differences at ±ξᵢ: Φᵢ = √(w/2) (Dᵢ₊ − Dᵢ₋), Eᵢ = even·√(w/2) (Dᵢ₊ + Dᵢ₋) + mixed·Σⱼ √(w/2) (Dⱼ₊ + Dⱼ₋).
+    """
+    n = points.shape[1]
+    root = np.sqrt(weights[1] / 2)
+    eye = np.eye(n)
+    E = even * eye + mixed
+    return SigmaPoints(
+        points, weights, _behind_centre(root * np.hstack([eye, -eye])), _behind_centre(root * np.hstack([E, E]))
+    )
+
+
+def _behind_centre(rows: np.ndarray) -> np.ndarray:
+    return np.concatenate([-rows.sum(axis=1, keepdims=True), rows], axis=1)
+
+
+def _compressed(rows: np.ndarray) -> np.ndarray:
+    """As many rows as the rank, with the same Gram matrix."""
+    _, sizes, directions = np.linalg.svd(rows)
+    keep = sizes > 1e-9 * max(1.0, sizes.max(initial=0.0))
+    return sizes[keep, None] * directions[keep]

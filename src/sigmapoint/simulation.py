@@ -1,0 +1,68 @@
+"""Draw a series from a model."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from sigmapoint import checks
+from sigmapoint.blackbox import reraised
+from sigmapoint.filtering import Filter
+from sigmapoint.methods import ekf
+from sigmapoint.model import StateSpaceModel
+
+
+def simulate(
+    model: StateSpaceModel, T: int, *, key: Array, u: Any = None
+) -> tuple[Float[Array, "T d"], Float[Array, "T m"]]:
+    """Draw states and measurements from a model.
+
+    Args:
+        model: the model; its noises are drawn as Gaussians.
+        T: number of samples.
+        key: `jax.random.key(seed)`.
+        u: inputs with leading axis T, or nothing.
+
+    Returns:
+        States `x` (T, n) with x[0] from the initial belief, and measurements `y` (T, m).
+
+    Raises:
+        ValueError: T below 1, inputs that do not fit.
+
+    Example:
+        >>> import jax, jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> x, y = sp.simulate(model, 100, key=jax.random.key(0))
+        >>> x.shape, y.shape
+        ((100, 1), (100, 1))
+    """
+    if not (isinstance(T, int) and T >= 1):
+        raise ValueError(f"T must be a whole number of at least 1, got {T!r}")
+    u = checks.inputs(u, T, model.initial.mean.dtype)
+    checks.long_enough(T, process_noise=model.process_noise, observation_noise=model.observation_noise)
+    with reraised():
+        return _simulate(model, T, key, u)
+
+
+@eqx.filter_jit
+def _simulate(model: StateSpaceModel, T: int, key: Array, u: Any) -> tuple[Array, Array]:
+    run = Filter.of(model, ekf())
+    dtype = model.initial.mean.dtype
+    start, walk = jax.random.split(key)
+    belief = run.init().belief
+    x0 = model.state_space.retract(belief.mean, belief.factor @ jax.random.normal(start, belief.cov.shape[:1], dtype))
+
+    def step(x: Array, row: tuple[Array, Array, Any]) -> tuple[Array, tuple[Array, Array]]:
+        k, noise, u_k = row
+        fs = run.functions(k)
+        motion = fs.process.through(fs.f, fs.state_space)
+        sensor = fs.observation.through(fs.h, fs.observation_space)
+        for_w, for_v = jax.random.split(noise)
+        y = sensor.call(x, u_k, jax.random.normal(for_v, (sensor.size,), dtype))
+        return motion.call(x, u_k, jax.random.normal(for_w, (motion.size,), dtype)), (x, y)
+
+    _, series = jax.lax.scan(step, x0, (jnp.arange(T), jax.random.split(walk, T), u))
+    return series

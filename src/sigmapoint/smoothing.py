@@ -1,0 +1,105 @@
+"""Smoothing: each state from all measurements, past and future.
+
+Rauch, Tung & Striebel (1965) for the linear case; Särkkä (2008) for sigma points: going back from the end, the
+transition is reversed about the filtered belief, x[k] given x[k+1], and the smoothed x[k+1] is put in. The reversal is
+the same `split` as a measurement update, so the square-root form has no downdate either:
+x[k] = m + G (x[k+1] − m⁻) + B ε, hence P_s = G P_s⁺ Gᵀ + B Bᵀ.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from sigmapoint import checks
+from sigmapoint.blackbox import reraised
+from sigmapoint.filtering import Filter, FilterState, prepared, scan
+from sigmapoint.gaussian import Belief
+from sigmapoint.methods import Method, srcdkf
+from sigmapoint.model import StateSpaceModel
+from sigmapoint.results import FIELDS, Posterior
+
+
+@dataclass(frozen=True)
+class RTS:
+    """Rauch-Tung-Striebel: filter forward, then reverse each transition."""
+
+    def __call__(self, run: Filter, y: Array, u: Any, keep: tuple[str, ...]) -> dict[str, Array]:
+        def out(state: FilterState, info: Any) -> Any:
+            return state, {name: getattr(info, name) for name in keep if name in info._fields}
+
+        last, kept = scan(run, y, u, lambda state, info: dict(zip(("state", "info"), out(state, info))))
+        states = kept["state"]
+        end = jax.tree.map(lambda a: a[-1], states.belief)
+        before = jax.tree.map(lambda a: a[:-1], (states, u))
+
+        def step(later: Belief, row: tuple[FilterState, Any]) -> tuple[Belief, Belief]:
+            belief = reverse(run, row[0], row[1], later)
+            return belief, belief
+
+        _, beliefs = jax.lax.scan(step, end, before, reverse=True)
+        beliefs = jax.tree.map(lambda a, b: jnp.concatenate([a, b[None]]), beliefs, end)
+        smoothed = {name: jax.vmap(lambda b, name=name: getattr(b, name))(beliefs) for name in keep if name not in kept["info"]}
+        return {**smoothed, **kept["info"], "log_likelihood": kept["log_likelihood"]}
+
+
+def reverse(run: Filter, state: FilterState, u: Any, later: Belief) -> Belief:
+    """The belief about x[k] from the filtered one and the smoothed belief about x[k+1]."""
+    fs = run.functions(state.step)
+    joint, _ = run.method.carry.transition(run.method.rule, state.belief, fs, u)
+    form = type(later)
+    every = jnp.ones(joint.value.slope.shape[0], bool)
+    split = form.split(joint.value, joint.state, joint.noise, every)
+    step = split.gain(fs.state_space.residual(later.mean, joint.value.mean))
+    return form.mix(fs.state_space.retract(joint.state.mean, step), split.gain(later.factor), split.remainder)
+
+
+def rts() -> RTS:
+    """The Rauch-Tung-Striebel smoother."""
+    return RTS()
+
+
+def smooth(
+    model: StateSpaceModel,
+    y: Any,
+    u: Any = None,
+    method: Method | None = None,
+    *,
+    smoother: RTS | None = None,
+    keep: tuple[str, ...] = FIELDS,
+) -> Posterior:
+    """Estimate the states of a model from measurements, each from all of them.
+
+    Args:
+        model, y, u, method, keep: as for `filter`.
+        smoother: how; `rts()` where not given.
+
+    Returns:
+        A `Posterior` whose `mean`, `cov`, `std` are smoothed; innovations, NIS and likelihood are those of the filter.
+
+    Raises:
+        ValueError: as `filter`.
+
+    Example:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> y = jnp.array([[1.0], [jnp.nan], [0.5]])
+        >>> bool((sp.smooth(model, y).std <= sp.filter(model, y).std).all())
+        True
+    """
+    y, u = prepared(model, y, u)
+    keep = checks.selection("keep", keep, FIELDS)
+    with reraised():
+        kept = _smooth(model, y, u, method or srcdkf(), smoother or rts(), keep)
+    return Posterior.of(model, y, u, kept)
+
+
+@eqx.filter_jit
+def _smooth(
+    model: StateSpaceModel, y: Array, u: Any, method: Method, smoother: RTS, keep: tuple[str, ...]
+) -> dict[str, Array]:
+    return smoother(Filter.of(model, method), y, u, keep)

@@ -1,0 +1,90 @@
+"""Spaces in which states and observations live: how to take a difference and how to add one.
+
+Angles and other manifolds enter the filters only here: `residual(a, b)` is the difference `a − b` as a vector, and
+`retract(m, d)` moves the point `m` by such a vector, so that `retract(b, residual(a, b)) = a`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+class Space(Protocol):
+    """Anything hashable with a `residual` (difference) and a `retract` (addition)."""
+
+    def residual(self, a: Float[Array, " d"], b: Float[Array, " d"]) -> Float[Array, " n"]: ...
+
+    def retract(self, point: Float[Array, " d"], step: Float[Array, " n"]) -> Float[Array, " d"]: ...
+
+
+@dataclass(frozen=True)
+class Euclidean:
+    """Ordinary vectors."""
+
+    def residual(self, a: Float[Array, " d"], b: Float[Array, " d"]) -> Float[Array, " d"]:
+        return a - b
+
+    def retract(self, point: Float[Array, " d"], step: Float[Array, " d"]) -> Float[Array, " d"]:
+        return point + step
+
+
+@dataclass(frozen=True)
+class Angles:
+    """Vectors some of whose elements are angles (see `angles`)."""
+
+    indices: tuple[int, ...]
+    period: float
+
+    def residual(self, a: Float[Array, " d"], b: Float[Array, " d"]) -> Float[Array, " d"]:
+        return self._wrap(a - b)
+
+    def retract(self, point: Float[Array, " d"], step: Float[Array, " d"]) -> Float[Array, " d"]:
+        return self._wrap(point + step)
+
+    def _wrap(self, d: Array) -> Array:
+        turns = jnp.round(d / self.period)
+        angular = jnp.zeros(d.shape, bool).at[jnp.array(self.indices)].set(True)
+        return jnp.where(angular, d - self.period * turns, d)
+
+
+@dataclass(frozen=True)
+class Manifold:
+    """A space given by its two functions.
+
+    Args:
+        residual: `(a, b) -> d`, the difference of two points as a vector; smooth near `d = 0`.
+        retract: `(point, d) -> point`, its inverse in the first argument.
+
+    The vector may be shorter than the point (a unit quaternion has 4 elements and 3 degrees of freedom): covariances
+    then have the size of the vector.
+
+    Example:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> positive = sp.Manifold(lambda a, b: jnp.log(a / b), lambda m, d: m * jnp.exp(d))
+        >>> float(positive.retract(jnp.array([2.0]), jnp.array([0.0]))[0])
+        2.0
+    """
+
+    residual: Callable[[Array, Array], Array]
+    retract: Callable[[Array, Array], Array]
+
+
+def angles(*indices: int, period: float = 2 * jnp.pi) -> Angles:
+    """Vectors whose elements `indices` are angles: differences are taken the short way round.
+
+    Args:
+        indices: positions of the angles in the vector.
+        period: a full turn, in the unit of the element: 2π for radians (default), 360 for degrees.
+
+    Example:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> bearing = sp.angles(0, period=360.0)
+        >>> float(bearing.residual(jnp.array([179.0]), jnp.array([-179.0]))[0])
+        -2.0
+    """
+    if not indices:
+        raise ValueError("angles: name at least one element, e.g. sp.angles(0)")
+    return Angles(tuple(int(i) for i in indices), float(period))

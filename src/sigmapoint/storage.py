@@ -1,0 +1,101 @@
+"""Save and load states and results, without pickle, atomically.
+
+A file is a NumPy `.npz` archive of the leaves of a pytree in order, with their paths. It is written beside its place
+and renamed, so that a reader, or a crash, never meets half of one.
+"""
+
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+Tree = TypeVar("Tree")
+_PATHS = "paths"
+
+
+def save(path: str | os.PathLike, tree: Any) -> None:
+    """Write the arrays of `tree` (an online state, a posterior, any pytree of arrays) to `path`.
+
+    Args:
+        path: the file; replaced as a whole if it is there.
+        tree: what to save.
+
+    Raises:
+        OSError: the place cannot be written, or the disk is full; what was at `path` stays as it was.
+        ValueError: a leaf that is not an array or number.
+
+    Example:
+        >>> import tempfile, pathlib, jax.numpy as jnp, sigmapoint as sp
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     sp.save(pathlib.Path(folder) / "state.npz", {"a": jnp.arange(3.0)})
+        ...     s = sp.load(pathlib.Path(folder) / "state.npz", like={"a": jnp.zeros(3)})
+        >>> s["a"].tolist()
+        [0.0, 1.0, 2.0]
+    """
+    leaves = jax.tree_util.tree_leaves_with_path(tree)
+    arrays = {f"leaf{i}": np.asarray(jax.device_get(leaf)) for i, (_, leaf) in enumerate(leaves)}
+    for (where, leaf), array in zip(leaves, arrays.values()):
+        if array.dtype == object:
+            raise ValueError(f"save: {jax.tree_util.keystr(where)} is not an array but {type(leaf).__name__}")
+    arrays[_PATHS] = np.array([jax.tree_util.keystr(where) for where, _ in leaves], dtype=np.str_)
+    write_atomically(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
+
+
+def load(path: str | os.PathLike, like: Tree) -> Tree:
+    """Read what `save` wrote, in the structure of `like`.
+
+    Args:
+        path: the file.
+        like: a tree of the same structure, shapes and dtypes, for instance a fresh `init()`.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: not a file of `save`, or one of another structure; the message names the first difference.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            stored = {name: archive[name] for name in archive.files}
+        paths = [str(p) for p in stored.pop(_PATHS)]
+    except (zipfile.BadZipFile, KeyError, ValueError, EOFError, AttributeError, TypeError) as error:
+        raise ValueError(f"load: {os.fspath(path)} was not written by sp.save ({error})") from error
+    leaves, structure = jax.tree_util.tree_flatten_with_path(like)
+    wanted = [jax.tree_util.keystr(where) for where, _ in leaves]
+    if paths != wanted:
+        different = sorted(set(paths) ^ set(wanted)) or wanted
+        raise ValueError(f"load: {os.fspath(path)} holds another structure than `like`; they differ at {different[0]!r}")
+    restored = []
+    for i, (where, leaf) in enumerate(leaves):
+        array, shape, dtype = stored[f"leaf{i}"], np.shape(leaf), jnp.asarray(leaf).dtype
+        if array.shape != shape or array.dtype != dtype:
+            name = jax.tree_util.keystr(where)
+            raise ValueError(f"load: {name} is {array.dtype}{array.shape} in the file but {dtype}{shape} in `like`")
+        restored.append(jnp.asarray(array))
+    return jax.tree_util.tree_unflatten(structure, restored)
+
+
+def write_atomically(path: str | os.PathLike, write: Callable[[IO[bytes]], Any]) -> None:
+    """Call `write` on a temporary file beside `path`, and rename it there when all is on disk."""
+    path = Path(path)
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
