@@ -84,8 +84,8 @@ def identify(logs: Sequence[Log], temperature: float) -> Cell:
         ValueError: if fewer than two temperatures are given.
 
     Example:
-        >>> identify([load_leaf(10), load_leaf(40)], temperature=25).capacity
-        30.5...
+        >>> round(identify([load_leaf(10), load_leaf(40)], temperature=25).capacity, 1)
+        30.5
     """
     measured = [log.temperature for log in logs]
     if len(set(measured)) < 2:
