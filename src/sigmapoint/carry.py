@@ -13,7 +13,7 @@ rule, so a prediction followed by an update uses one set, and an update that fol
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -47,6 +47,7 @@ class Joint(NamedTuple):
 Points = Float[Array, "p d"] | None
 
 
+@runtime_checkable
 class Carry(Protocol):
     """A strategy; see the module."""
 

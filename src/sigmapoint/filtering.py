@@ -196,6 +196,6 @@ def _info(S: Array, innovation: Array, cov: Array, active: Array) -> Info:
     white = solve_lower(S, innovation)
     nis = white @ white
     pivots = jnp.where(active, jnp.diagonal(S), 1.0)
-    count = jnp.sum(active)
+    count = jnp.sum(active, dtype=S.dtype)
     log_density = -0.5 * (nis + count * LOG_2PI) - jnp.sum(jnp.log(pivots))
     return Info(jnp.where(active, innovation, jnp.nan), cov, nis, log_density)

@@ -14,7 +14,7 @@ Rows of y that carry no information (not measured, or with a variance of exactly
 pseudo-noise D of their own, so that S stays regular and their gain is exactly zero.
 """
 
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -37,7 +37,7 @@ class Spread(NamedTuple):
     def masked(self, active: Bool[Array, " q"]) -> "Spread":
         """The same noise without the rows that are not active."""
         rows = active.astype(self.cov.dtype)
-        return Spread(self.cov * rows * rows[:, None], self.factor * rows[:, None])
+        return Spread(self.cov * jnp.outer(rows, rows), self.factor * rows[:, None])
 
 
 class Split(NamedTuple):
@@ -52,46 +52,8 @@ class Split(NamedTuple):
         return self.gain_root @ solve_lower(self.factor, difference)
 
 
-class Belief(Protocol):
-    """A Gaussian belief about a state. `mean` may be longer than the covariance (a point on a manifold)."""
-
-    @property
-    def mean(self) -> Float[Array, " d"]: ...
-    @property
-    def cov(self) -> Float[Array, "n n"]: ...
-    @property
-    def factor(self) -> Float[Array, "n n"]: ...
-    @property
-    def std(self) -> Float[Array, " n"]: ...
-
-    @classmethod
-    def of(cls, mean: Float[Array, " d"], cov: Float[Array, "n n"]) -> Self:
-        """From a mean and a covariance."""
-        ...
-
-    @classmethod
-    def assemble(cls, mean: Float[Array, " d"], spread: Float[Array, "n n"]) -> Self:
-        """From a mean and what `split` gives as remainder: a covariance (dense) or a factor (square root)."""
-        ...
-
-    @classmethod
-    def marginal(cls, x: Linearization, noise: Spread | None) -> Self:
-        """The belief about `x`, with independent noise added."""
-        ...
-
-    @classmethod
-    def split(cls, y: Linearization, x: Linearization, noise: Spread | None, active: Bool[Array, " d"]) -> Split:
-        """Split the joint of `y` (plus noise) and `x`; see the module."""
-        ...
-
-    @classmethod
-    def mix(cls, mean: Float[Array, " d"], root: Float[Array, "n k"], remainder: Float[Array, "n n"]) -> Self:
-        """The belief with covariance `root rootᵀ` plus the remainder of a `split`."""
-        ...
-
-
 class Dense(NamedTuple):
-    """Mean and covariance."""
+    """Mean and covariance. `mean` may be longer than the covariance (a point on a manifold)."""
 
     mean: Float[Array, " d"]
     cov: Float[Array, "n n"]
@@ -106,19 +68,23 @@ class Dense(NamedTuple):
         return jnp.where(variance > 0, jnp.sqrt(jnp.where(variance > 0, variance, 1.0)), 0.0)
 
     @classmethod
-    def of(cls, mean: Float[Array, " d"], cov: Float[Array, "n n"]) -> Self:
+    def of(cls, mean: Float[Array, " d"], cov: Float[Array, "n n"]) -> "Dense":
+        """From a mean and a covariance."""
         return cls(mean, cov)
 
     @classmethod
-    def assemble(cls, mean: Float[Array, " d"], spread: Float[Array, "n n"]) -> Self:
+    def assemble(cls, mean: Float[Array, " d"], spread: Float[Array, "n n"]) -> "Dense":
+        """From a mean and what `split` gives as remainder: a covariance (dense) or a factor (square root)."""
         return cls(mean, spread)
 
     @classmethod
-    def marginal(cls, x: Linearization, noise: Spread | None) -> Self:
+    def marginal(cls, x: Linearization, noise: Spread | None) -> "Dense":
+        """The belief about `x`, with independent noise added."""
         return cls(x.mean, covariance(x, noise))
 
     @classmethod
     def split(cls, y: Linearization, x: Linearization, noise: Spread | None, active: Bool[Array, " d"]) -> Split:
+        """Split the joint of `y` (plus noise) and `x`; see the module."""
         y, noise, active = _informative(y, noise, active)
         S = cholesky(covariance(y, noise) + jnp.diag((~active).astype(y.slope.dtype)))
         W = solve_lower(S, y.slope @ x.slope.T + _product(y.residual, x.residual)).T
@@ -130,7 +96,8 @@ class Dense(NamedTuple):
         return Split(S, W, symmetric(B))
 
     @classmethod
-    def mix(cls, mean: Float[Array, " d"], root: Float[Array, "n k"], remainder: Float[Array, "n n"]) -> Self:
+    def mix(cls, mean: Float[Array, " d"], root: Float[Array, "n k"], remainder: Float[Array, "n n"]) -> "Dense":
+        """The belief with covariance `root rootᵀ` plus the remainder of a `split`."""
         return cls(mean, symmetric(root @ root.T + remainder))
 
 
@@ -149,15 +116,15 @@ class SquareRoot(NamedTuple):
         return norm_rows(self.factor)
 
     @classmethod
-    def of(cls, mean: Float[Array, " d"], cov: Float[Array, "n n"]) -> Self:
+    def of(cls, mean: Float[Array, " d"], cov: Float[Array, "n n"]) -> "SquareRoot":
         return cls(mean, cholesky(cov))
 
     @classmethod
-    def assemble(cls, mean: Float[Array, " d"], spread: Float[Array, "n n"]) -> Self:
+    def assemble(cls, mean: Float[Array, " d"], spread: Float[Array, "n n"]) -> "SquareRoot":
         return cls(mean, spread)
 
     @classmethod
-    def marginal(cls, x: Linearization, noise: Spread | None) -> Self:
+    def marginal(cls, x: Linearization, noise: Spread | None) -> "SquareRoot":
         if noise is None:
             return cls(x.mean, tria(jnp.concatenate([x.slope, x.residual], axis=1)))
         columns = [x.slope, x.residual, jax.lax.stop_gradient(noise.factor)]
@@ -178,8 +145,11 @@ class SquareRoot(NamedTuple):
         return Split(root[:d, :d], root[d:, :d], root[d:, d:])
 
     @classmethod
-    def mix(cls, mean: Float[Array, " d"], root: Float[Array, "n k"], remainder: Float[Array, "n n"]) -> Self:
+    def mix(cls, mean: Float[Array, " d"], root: Float[Array, "n k"], remainder: Float[Array, "n n"]) -> "SquareRoot":
         return cls(mean, tria(jnp.concatenate([root, remainder], axis=1)))
+
+
+Belief: TypeAlias = Dense | SquareRoot
 
 
 def covariance(x: Linearization, noise: Spread | None) -> Float[Array, "d d"]:

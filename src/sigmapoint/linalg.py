@@ -75,18 +75,25 @@ def tria(A: Float[Array, "n k"], known: Float[Array, "n n"] | None = None) -> Fl
 @jax.custom_jvp
 def _tria(A: Array, known: Array) -> Array:
     del known
-    R = jnp.linalg.qr(A.T, mode="r")
-    return R.T * _signs(R)
+    R = jnp.linalg.qr(_largest_first(A, A).T, mode="r")
+    return R.T * _signs(R)[None, :]
 
 
 @_tria.defjvp
 def _tria_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
     (A, known), (dA, dknown) = primals, tangents
+    A, dA = _largest_first(A, A), _largest_first(dA, A)
     Q, R = jnp.linalg.qr(A.T)
-    L = R.T * _signs(R)
-    B = (dA @ Q) * _signs(R) + 0.5 * _resolved(L, dknown).T
+    L = R.T * _signs(R)[None, :]
+    B = (dA @ Q) * _signs(R)[None, :] + 0.5 * _resolved(L, dknown).T
     K = jnp.triu(_resolved(L, B), 1)
     return L, jnp.tril(B - L @ (K - K.T))
+
+
+def _largest_first(A: Array, like: Array) -> Array:
+    """Columns in falling order of their largest element: reflections are then accurate row by row (Cox & Higham 1998),
+    also where rows differ by many orders of magnitude."""
+    return A[:, jnp.argsort(-jnp.max(jnp.abs(like), axis=0))]
 
 
 def _signs(R: Array) -> Array:

@@ -8,7 +8,7 @@ points (`rest`), non-additive noise always needs coordinates `ξ` of its own.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -54,6 +54,7 @@ class Entry(NamedTuple):
     rest: Spread | None
 
 
+@runtime_checkable
 class Noise(Protocol):
     """A noise at one instant, as the filters see it."""
 

@@ -6,12 +6,13 @@ Angles and other manifolds enter the filters only here: `residual(a, b)` is the 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
+@runtime_checkable
 class Space(Protocol):
     """Anything hashable with a `residual` (difference) and a `retract` (addition)."""
 

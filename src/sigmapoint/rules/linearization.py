@@ -16,7 +16,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -48,6 +48,7 @@ class SigmaPoints(NamedTuple):
     residual: Float[np.ndarray, "k p"]
 
 
+@runtime_checkable
 class Rule(Protocol):
     """How a function of a standard normal vector is linearised."""
 
@@ -107,7 +108,7 @@ def _remembered(rule: SigmaPointRule, n: int) -> SigmaPoints:
     return rule.sigma_points(n)
 
 
-def symmetric_points(n: int, spread: float) -> Float[np.ndarray, "2n+1 n"]:
+def symmetric_points(n: int, spread: float) -> Float[np.ndarray, "p n"]:
     """The centre and `± spread` along each axis: 0, +e₁ … +eₙ, −e₁ … −eₙ."""
     axes = spread * np.eye(n)
     return np.concatenate([np.zeros((1, n)), axes, -axes])
