@@ -7,9 +7,8 @@ the user as it was raised, with its own traceback.
 
 import multiprocessing
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from typing import Any
 
 import jax
@@ -134,26 +133,15 @@ def blackbox(
     return Blackbox(function, size, vectorized, workers)
 
 
-@contextmanager
-def reraised() -> Iterator[None]:
-    """Around a computation: an exception from inside a simulator comes out as itself."""
-    if not _in_use.is_set() and not _raised:
-        try:
-            yield
-        except jax.errors.JaxRuntimeError:
-            _reraise()
-            raise
-        return
+def guarded(compute: Callable, *args: Any) -> Any:
+    """`compute(*args)`, where an exception from inside a simulator comes out as itself."""
     _raised.clear()
     try:
-        yield
+        result = compute(*args)
+        return jax.block_until_ready(result) if _in_use.is_set() else result
     except jax.errors.JaxRuntimeError:
-        _reraise()
+        if _raised:
+            raise _raised[0] from None
         raise
-
-
-def _reraise() -> None:
-    if _raised:
-        error = _raised[0]
+    finally:
         _raised.clear()
-        raise error from None

@@ -4,6 +4,7 @@ One step is `update` with y[k] and then `predict` with u[k]; `filter` scans it, 
 differs in the parts it is made of (rule, belief, carry), not here.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from sigmapoint import checks
-from sigmapoint.blackbox import reraised
+from sigmapoint.blackbox import guarded
 from sigmapoint.carry import Functions, Points
 from sigmapoint.gaussian import Belief, covariance
 from sigmapoint.iterate import relinearized
@@ -151,8 +152,7 @@ def filter(  # noqa: A001 (the public name)
     """
     y, u = prepared(model, y, u)
     keep = checks.selection("keep", keep, FIELDS)
-    with reraised():
-        kept = _filter(model, y, u, method or srcdkf(), keep)
+    kept = guarded(_filter, model, y, u, method or srcdkf(), keep)
     return Posterior.of(model, y, u, kept)
 
 
@@ -167,11 +167,12 @@ def prepared(model: StateSpaceModel, y: Any, u: Any) -> tuple[Array, Any]:
 
 @eqx.filter_jit
 def _filter(model: StateSpaceModel, y: Array, u: Any, method: Method, keep: tuple[str, ...]) -> dict[str, Array]:
-    return scan(Filter.of(model, method), y, u, lambda state, info: _kept(state, info, keep))[1]
+    kept, log_likelihood = scan(Filter.of(model, method), y, u, lambda state, info: fields(keep, state, info))
+    return {**kept, "log_likelihood": log_likelihood}
 
 
-def scan(run: Filter, y: Array, u: Any, out: Any) -> tuple[FilterState, dict[str, Array]]:
-    """Update and predict over a series; `out(state, info)` says what to keep of each instant, beside the likelihood."""
+def scan(run: Filter, y: Array, u: Any, out: Callable) -> tuple[Any, Float[Array, ""]]:
+    """Update and predict over a series: what `out(state, info)` keeps of each instant, and the log-likelihood."""
 
     def step(carry: tuple[FilterState, Array], row: tuple[Array, Any]) -> tuple[tuple[FilterState, Array], Any]:
         state, total = carry
@@ -179,12 +180,14 @@ def scan(run: Filter, y: Array, u: Any, out: Any) -> tuple[FilterState, dict[str
         return (run.predict(state, row[1]), total + info.log_likelihood), out(state, info)
 
     start = (run.init(), jnp.zeros((), y.dtype))
-    (last, total), kept = jax.lax.scan(step, start, (y, u))
-    return last, {**kept, "log_likelihood": total}
+    (_, total), kept = jax.lax.scan(step, start, (y, u))
+    return kept, total
 
 
-def _kept(state: FilterState, info: Info, keep: tuple[str, ...]) -> dict[str, Array]:
-    return {name: getattr(info if name in Info._fields else state, name) for name in keep}
+def fields(keep: tuple[str, ...], *sources: Any) -> dict[str, Array]:
+    """The fields named in `keep`, each from the first source that has it."""
+    found = {name: next((s for s in sources if hasattr(type(s), name)), None) for name in keep}
+    return {name: getattr(source, name) for name, source in found.items() if source is not None}
 
 
 def _measured(y: Array, size: int) -> Bool[Array, " m"]:

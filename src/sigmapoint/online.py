@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from sigmapoint import checks
-from sigmapoint.blackbox import reraised
+from sigmapoint.blackbox import guarded
 from sigmapoint.filtering import Filter, FilterState, Info
 from sigmapoint.methods import Method, srcdkf
 from sigmapoint.model import StateSpaceModel
@@ -31,14 +31,12 @@ class OnlineFilter:
             The new state, and what the measurement looked like (innovation, its covariance, NIS, log-density).
         """
         y, u = self._row(state, y, u)
-        with reraised():
-            return _update(self._model, self._method, state, y, u)
+        return guarded(_update, self._model, self._method, state, y, u)
 
     def predict(self, state: FilterState, u: Any = None) -> FilterState:
         """Go on to the next instant, with the input `u` of the present one."""
         _, u = self._row(state, (), u)
-        with reraised():
-            return _predict(self._model, self._method, state, u)
+        return guarded(_predict, self._model, self._method, state, u)
 
     def _row(self, state: FilterState, y: Any, u: Any) -> tuple[Any, Any]:
         if not isinstance(state, FilterState):

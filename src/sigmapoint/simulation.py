@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
-from sigmapoint.blackbox import reraised
+from sigmapoint.blackbox import guarded
 from sigmapoint.filtering import Filter
 from sigmapoint.methods import ekf
 from sigmapoint.model import StateSpaceModel
@@ -43,8 +43,7 @@ def simulate(
         raise ValueError(f"T must be a whole number of at least 1, got {T!r}")
     u = checks.inputs(u, T, model.initial.mean.dtype)
     checks.long_enough(T, process_noise=model.process_noise, observation_noise=model.observation_noise)
-    with reraised():
-        return _simulate(model, T, key, u)
+    return guarded(_simulate, model, T, key, u)
 
 
 @eqx.filter_jit

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from sigmapoint import checks
-from sigmapoint.blackbox import reraised
-from sigmapoint.filtering import Filter, FilterState, prepared, scan
+from sigmapoint.blackbox import guarded
+from sigmapoint.filtering import Filter, FilterState, fields, prepared, scan
 from sigmapoint.gaussian import Belief
 from sigmapoint.methods import Method, srcdkf
 from sigmapoint.model import StateSpaceModel
@@ -28,22 +28,18 @@ class RTS:
     """Rauch-Tung-Striebel: filter forward, then reverse each transition."""
 
     def __call__(self, run: Filter, y: Array, u: Any, keep: tuple[str, ...]) -> dict[str, Array]:
-        def out(state: FilterState, info: Any) -> Any:
-            return state, {name: getattr(info, name) for name in keep if name in info._fields}
-
-        last, kept = scan(run, y, u, lambda state, info: dict(zip(("state", "info"), out(state, info))))
-        states = kept["state"]
+        (states, info), log_likelihood = scan(run, y, u, lambda state, info: (state, fields(keep, info)))
         end = jax.tree.map(lambda a: a[-1], states.belief)
         before = jax.tree.map(lambda a: a[:-1], (states, u))
 
-        def step(later: Belief, row: tuple[FilterState, Any]) -> tuple[Belief, Belief]:
-            belief = reverse(run, row[0], row[1], later)
-            return belief, belief
+        def step(later: Belief, row: tuple[FilterState, Any]) -> tuple[Belief, dict[str, Array]]:
+            belief = reverse(run, *row, later)
+            return belief, fields(keep, belief)
 
-        _, beliefs = jax.lax.scan(step, end, before, reverse=True)
-        beliefs = jax.tree.map(lambda a, b: jnp.concatenate([a, b[None]]), beliefs, end)
-        smoothed = {name: jax.vmap(lambda b, name=name: getattr(b, name))(beliefs) for name in keep if name not in kept["info"]}
-        return {**smoothed, **kept["info"], "log_likelihood": kept["log_likelihood"]}
+        _, smoothed = jax.lax.scan(step, end, before, reverse=True)
+        last = fields(keep, end)
+        smoothed = {name: jnp.concatenate([smoothed[name], last[name][None]]) for name in smoothed}
+        return {**smoothed, **info, "log_likelihood": log_likelihood}
 
 
 def reverse(run: Filter, state: FilterState, u: Any, later: Belief) -> Belief:
@@ -93,8 +89,7 @@ def smooth(
     """
     y, u = prepared(model, y, u)
     keep = checks.selection("keep", keep, FIELDS)
-    with reraised():
-        kept = _smooth(model, y, u, method or srcdkf(), smoother or rts(), keep)
+    kept = guarded(_smooth, model, y, u, method or srcdkf(), smoother or rts(), keep)
     return Posterior.of(model, y, u, kept)
 
 

@@ -1,0 +1,40 @@
+"""The command line: `sigmapoint demo | run | compare | reproduce`. One file a command."""
+
+from typing import Annotated
+
+import typer
+
+from sigmapoint import __version__
+from sigmapoint.cli.compare import compare
+from sigmapoint.cli.demo import demo
+from sigmapoint.cli.reproduce import reproduce
+from sigmapoint.cli.run import run
+
+app = typer.Typer(
+    help="Nonlinear estimation with sigma-point Kalman filters. Computes in 64-bit numbers.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"sigmapoint {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")] = False,
+) -> None:
+    """Nonlinear estimation with sigma-point Kalman filters. Computes in 64-bit numbers."""
+
+
+for command in (demo, run, compare, reproduce):
+    app.command()(command)
+
+
+def main() -> None:
+    """Entry point of the console script `sigmapoint`."""
+    app(prog_name="sigmapoint")

@@ -1,0 +1,88 @@
+"""`sigmapoint compare MODEL.py DATA`: several methods on the same data, side by side."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from sigmapoint.cli import modelfile, output
+from sigmapoint.cli.errors import InputError, blaming, folder, guarded
+from sigmapoint.cli.expressions import parse_methods
+from sigmapoint.cli.run import Data, Debug, Float32, Model, Out, Smooth, frame_of
+from sigmapoint.compare import Comparison, Row, default_methods
+from sigmapoint.compare import compare as compared
+
+HEADINGS = {
+    "coverage_2sigma": "within ±2σ (0.954)",
+    "nis_per_element": "NIS/element (1)",
+    "log_likelihood": "log-likelihood",
+    "us_per_step": "µs/step",
+    "compile_s": "compile s",
+}
+
+
+@guarded
+def compare(
+    model: Model,
+    data: Data,
+    methods: Annotated[
+        str | None, typer.Option(help="Methods with commas between, like ekf,srukf,'ukf(alpha=1e-3)'; default: eleven.")
+    ] = None,
+    smooth: Smooth = False,
+    out: Out = Path("sigmapoint-compare"),
+    float32: Float32 = False,
+    debug: Debug = False,
+) -> None:
+    """Run several methods on the model in MODEL.py and the measurements in DATA, and put them side by side.
+
+    Writes estimates.parquet (all methods), summary.json and report.html into the folder of --out. Errors and coverage
+    are there where MODEL.py names a `truth`. MODEL.py and DATA are as for `sigmapoint run`.
+    """
+    chosen = None if methods is None else parse_methods(methods)
+    folder_out = folder(out)
+    problem = modelfile.load(model, data)
+    chosen = chosen or default_methods(problem.model)
+    begin = time.perf_counter()
+    with output.progress(len(chosen)) as each, blaming(model):
+        result = compared(problem.model, problem.y, problem.u, chosen, problem.truth, smooth=smooth, each=each)
+    result = result._replace(posteriors={name: problem.labelled(post) for name, post in result.posteriors.items()})
+    if not result.posteriors:
+        raise InputError(f"no method could run; {result.rows[0]['method']}: {result.rows[0]['note']}")
+    summary = {
+        "T": len(problem.y),
+        "smoothed": smooth,
+        "rows": result.rows,
+        "nis": {name: output.innovations(post) for name, post in result.posteriors.items()},
+        "seconds": time.perf_counter() - begin,
+        "versions": output.versions(),
+    }
+    rows = [headed(row) for row in result.rows]
+    title = f"{model.stem}: {len(result.rows)} methods on {data.name}"
+    files = {
+        "estimates.parquet": output.parquet_file(all_frames(result, problem.clock.shown)),
+        "summary.json": output.json_file(summary),
+        "report.html": output.page_file(
+            result.posteriors, time=problem.clock.shown, truth=problem.truth, title=title, tables=[("methods", rows)]
+        ),
+    }
+    paths = output.write_all(folder_out, files)
+    console = Console()
+    console.print(output.table(title, rows))
+    output.written(console, paths)
+
+
+def headed(row: Row) -> Row:
+    """A row under the headings that people read; what is expected of a consistent filter is in brackets."""
+    return {HEADINGS.get(name, name): value for name, value in row.items()}
+
+
+def all_frames(result: Comparison, shown: object) -> object:
+    """The beliefs of every method under one another, with the method as the first column."""
+    import pandas as pd
+
+    frames = {name: frame_of(post, shown) for name, post in result.posteriors.items()}
+    for name, frame in frames.items():
+        frame.insert(0, "method", name)
+    return pd.concat(frames.values(), ignore_index=True)

@@ -1,0 +1,131 @@
+"""What commands leave behind: files, all of them or none, and tables on the screen."""
+
+import json
+import os
+import platform
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from sigmapoint.compare import as_text
+from sigmapoint.results import Posterior
+from sigmapoint.storage import write_atomically
+
+Writer = Callable[[IO[bytes]], Any]
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computed the results."""
+    packages = ("sigmapoint", "jax", "numpy", "pandas")
+    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
+
+
+def plain(value: Any) -> Any:
+    """As JSON can hold it: lists and numbers, null for NaN and infinity."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    return str(value) if isinstance(value, Path) else value
+
+
+def json_file(content: Any) -> Writer:
+    """Writes valid JSON."""
+    text = json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return lambda file: file.write(text.encode())
+
+
+def parquet_file(frame: Any) -> Writer:
+    """Writes a data frame with its columns, units included in the headers."""
+    return lambda file: frame.to_parquet(file, index=False)
+
+
+def page_file(result: Any, **options: Any) -> Writer:
+    """Writes the report page of a result."""
+
+    def write(file: IO[bytes]) -> None:
+        from sigmapoint.report import report
+
+        with tempfile.TemporaryDirectory() as scratch:
+            report(result, Path(scratch) / "report.html", **options)
+            file.write((Path(scratch) / "report.html").read_bytes())
+
+    return write
+
+
+def write_all(out: Path, files: Mapping[str, Writer]) -> list[Path]:
+    """Write every file into `out`; where one fails, none appears and older ones stay as they were."""
+    made = [p for p in (out, *out.parents) if not p.exists()]
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        with tempfile.TemporaryDirectory(dir=out, prefix=".writing-") as staging:
+            for name, write in files.items():
+                write_atomically(Path(staging) / name, write)
+            for name in files:
+                os.replace(Path(staging) / name, out / name)
+    except BaseException:
+        for folder in made:
+            folder.rmdir()
+        raise
+    return [out / name for name in files]
+
+
+def innovations(post: Posterior) -> dict[str, float | None]:
+    """Summary of the NIS: its mean, how many elements were measured a sample on average, and their ratio."""
+    nis = np.asarray(post.nis, np.float64)
+    measured = np.sum(~np.isnan(np.asarray(post.innovation)), axis=1)
+    total = int(measured.sum())
+    return {
+        "mean": float(nis[measured > 0].mean()) if total else None,
+        "expected": float(measured[measured > 0].mean()) if total else None,
+        "per_element": float(nis.sum() / total) if total else None,
+        "measured_elements": total,
+    }
+
+
+def table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Rows as a rich table; columns in the order in which they first appear, those that are empty left out."""
+    columns = dict.fromkeys(name for row in rows for name, value in row.items() if value not in ("", None))
+    made = Table(title=escape(title), title_justify="left", title_style="bold")
+    for i, name in enumerate(columns):
+        words = all(isinstance(row.get(name, ""), str) for row in rows)
+        made.add_column(escape(name), justify="left" if i == 0 or words else "right", overflow="fold")
+    for row in rows:
+        made.add_row(*(escape(as_text(row.get(name))) for name in columns))
+    return made
+
+
+def written(console: Console, files: Sequence[Path]) -> None:
+    """Say where the files are."""
+    for path in files:
+        console.print(f"wrote {escape(str(path))}", soft_wrap=True, highlight=False)
+
+
+@contextmanager
+def progress(total: int | None) -> Iterator[Callable[[str], None]]:
+    """A bar on standard error; what is yielded is called with each step before it begins."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"))
+    bar = Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True)
+    with bar:
+        task = bar.add_task("starting", total=total)
+        begun = False
+
+        def step(description: str) -> None:
+            nonlocal begun
+            bar.update(task, description=escape(description), advance=int(begun))
+            begun = True
+
+        yield step

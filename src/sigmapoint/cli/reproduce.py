@@ -1,0 +1,56 @@
+"""`sigmapoint reproduce NAME`: an experiment of the papers, run again here."""
+
+import difflib
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from sigmapoint.cli import output
+from sigmapoint.cli.errors import InputError, folder, guarded
+from sigmapoint.cli.run import Debug
+
+
+@guarded
+def reproduce(
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Which experiment; --list shows them.")] = None,
+    show: Annotated[bool, typer.Option("--list", help="Show the experiments and stop.")] = False,
+    every: Annotated[bool, typer.Option("--all", help="Run every experiment.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="A small version: seconds in place of minutes.")] = False,
+    runs: Annotated[int | None, typer.Option(min=2, help="Monte-Carlo runs; default: the experiment's own.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Each experiment writes into DIR/NAME.")] = Path("out"),
+    debug: Debug = False,
+) -> None:
+    """Run an experiment of the papers and put its numbers beside the published ones.
+
+    Each writes results.json, figures and report.html into DIR/NAME.
+    """
+    from sigmapoint.experiments import EXPERIMENTS
+
+    console = Console()
+    if show:
+        console.print(output.table("experiments", [{"name": e, "what": EXPERIMENTS[e].description} for e in EXPERIMENTS]))
+        return
+    chosen = list(EXPERIMENTS) if every else [_known(name, list(EXPERIMENTS))]
+    folders = {experiment: folder(out / experiment) for experiment in chosen}
+    for experiment in chosen:
+        with Console(stderr=True).status(f"running {experiment}"):
+            rows = EXPERIMENTS[experiment].run(runs, seed, folders[experiment], quick)
+        console.print(output.table(experiment, [_shown(row) for row in rows]))
+        output.written(console, sorted(p for p in folders[experiment].iterdir() if p.is_file()))
+
+
+def _known(name: str | None, names: list[str]) -> str:
+    if name in names:
+        return name
+    if name is None:
+        raise InputError(f"name an experiment, or give --all; experiments: {', '.join(names)}")
+    close = difflib.get_close_matches(name, names, n=1)
+    hint = f" Did you mean {close[0]}?" if close else ""
+    raise InputError(f"unknown experiment {name!r}.{hint} Experiments: {', '.join(names)}")
+
+
+def _shown(row: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in row.items() if name != "experiment"}

@@ -1,0 +1,118 @@
+"""`sigmapoint run MODEL.py DATA`: estimate the states of a model from logged data."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import jax
+import numpy as np
+import typer
+from rich.console import Console
+
+import sigmapoint as sp
+from sigmapoint.cli import modelfile, output
+from sigmapoint.cli.errors import blaming, folder, guarded
+from sigmapoint.cli.expressions import parse_method
+from sigmapoint.results import Posterior, series_of
+
+Model = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Defines `model` or `build(u, time)`, and `measurements`.")]
+Data = Annotated[Path, typer.Argument(metavar="DATA", help="Logged data: .csv, .csv.gz or .parquet, one row a sample.")]
+Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if it is not there.")]
+Float32 = Annotated[bool, typer.Option("--float32", help="Compute in 32-bit numbers in place of 64-bit.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+Smooth = Annotated[bool, typer.Option("--smooth", help="Each state from all measurements, past and future.")]
+
+
+@guarded
+def run(
+    model: Model,
+    data: Data,
+    method: Annotated[str, typer.Option(help="A method, like srukf, 'ukf(alpha=1e-3)', 'iterated(srukf(), 3)'.")] = "srcdkf",
+    smooth: Smooth = False,
+    out: Out = Path("sigmapoint-run"),
+    float32: Float32 = False,
+    debug: Debug = False,
+) -> None:
+    """Estimate the states of the model in MODEL.py from the measurements in DATA.
+
+    Writes estimates.parquet, summary.json and report.html into the folder of --out.
+
+    MODEL.py has `model = sp.StateSpaceModel(...)` or `build(u, time)` that returns one, `measurements` (column names, or
+    a dict observation -> column), and where needed `inputs` (dict key of u -> column), `time` (column) and `truth` (dict
+    state -> column). Columns may carry units: `voltage [V]` or `Voltage(V)`. Empty cells were not measured.
+    """
+    chosen, folder_out = parse_method(method), folder(out)
+    problem = modelfile.load(model, data)
+    estimate = sp.smooth if smooth else sp.filter
+    with Console(stderr=True).status("compiling and running"), blaming(model):
+        post, seconds = clocked(lambda: estimate(problem.model, problem.y, problem.u, chosen))
+    post = problem.labelled(post)
+    rows = final_rows(post)
+    files = {
+        "estimates.parquet": output.parquet_file(frame_of(post, problem.clock.shown)),
+        "summary.json": output.json_file(summary(post, method, smooth, seconds) | {"final": rows}),
+        "report.html": output.page_file(
+            post, time=problem.clock.shown, truth=problem.truth, title=f"{model.stem}: {method} on {data.name}"
+        ),
+    }
+    paths = output.write_all(folder_out, files)
+    console = Console()
+    console.print(output.table("last row", rows))
+    console.print(output.table("run", [overview(post, method, seconds)]))
+    output.written(console, paths)
+
+
+def clocked(work: Callable[[], Posterior]) -> tuple[Posterior, float]:
+    """The result, and the seconds it took (compilation included)."""
+    begin = time.perf_counter()
+    post = jax.block_until_ready(work())
+    return post, time.perf_counter() - begin
+
+
+def frame_of(post: Posterior, shown: Any) -> Any:
+    """All beliefs as a data frame with time as its first column."""
+    from sigmapoint.tables import to_frame
+
+    frame = to_frame(post, shown)
+    return frame if frame.index.name is None else frame.reset_index()
+
+
+def final_rows(post: Posterior) -> list[dict[str, Any]]:
+    """The last belief, one row a state."""
+    mean, std = series_of(post)
+    names = post.labels.states if len(post.labels.states) == mean.shape[1] else [f"x{i}" for i in range(mean.shape[1])]
+    stds = std[-1] if std.shape == mean.shape else np.full(mean.shape[1], np.nan)
+    return [
+        {"state": name, "estimate": float(m), "std": float(s), "unit": unit}
+        for name, m, s, unit in zip(names, mean[-1], stds, post.labels.state_units)
+    ]
+
+
+def overview(post: Posterior, method: str, seconds: float) -> dict[str, Any]:
+    """One row about a whole run."""
+    nis = output.innovations(post)
+    return {
+        "method": method,
+        "samples": post.y.shape[0],
+        "measured": nis["measured_elements"],
+        "log-likelihood": float(post.log_likelihood),
+        "NIS per element (1 expected)": nis["per_element"],
+        "seconds, compiling included": seconds,
+    }
+
+
+def summary(post: Posterior, method: str, smooth: bool, seconds: float) -> dict[str, Any]:
+    """What `summary.json` says about a run."""
+    return {
+        "method": method,
+        "smoothed": smooth,
+        "T": post.y.shape[0],
+        "dtype": str(post.y.dtype),
+        "states": post.labels.states,
+        "measurements": post.labels.observations,
+        "log_likelihood": float(post.log_likelihood),
+        "nis": output.innovations(post),
+        "seconds": seconds,
+        "versions": output.versions(),
+    }

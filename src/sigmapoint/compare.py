@@ -1,0 +1,191 @@
+"""Several methods on one model and one series: error, coverage, innovations, likelihood and time in one table.
+
+Time is measured as a user meets it: the first call compiles, the later ones do not. `us_per_step` is the best warm call
+over the number of samples, `compile_s` what the first call took longer (near zero where it had been compiled before).
+
+Normalised innovations are divided by the number of elements that were measured, so that 1 is expected for any number
+of sensors: NIS is χ² with as many degrees of freedom (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
+"""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from sigmapoint import methods as named
+from sigmapoint.checks import array
+from sigmapoint.filtering import filter, prepared
+from sigmapoint.methods import Method
+from sigmapoint.model import NonAdditive, StateSpaceModel
+from sigmapoint.results import Posterior, series_of
+from sigmapoint.rules.hermite import MOST_POINTS
+from sigmapoint.smoothing import smooth as smoothed
+
+Row = dict[str, Any]
+
+MOST_COLUMNS = 6
+"""With more states than this, one overall error stands for those of each."""
+WARM_CALLS, WARM_SECONDS = 3, 1.0
+"""Warm calls end at whichever comes first; there is at least one."""
+
+
+class Comparison(NamedTuple):
+    """What `compare` returns: one row a method, and the posterior of each that ran."""
+
+    rows: list[Row]
+    posteriors: dict[str, Posterior]
+
+    def __str__(self) -> str:
+        filled = {name for row in self.rows for name, value in row.items() if value != ""}
+        longest = max(self.rows, key=len)
+        columns = [name for name in longest if name in filled]
+        texts = [[as_text(row.get(name)) for name in columns] for row in self.rows]
+        widths = [max(map(len, column)) for column in zip(columns, *texts)]
+        lines = [_line(columns, widths), _line(["-" * w for w in widths], widths), *(_line(t, widths) for t in texts)]
+        return "\n".join(lines)
+
+    def to_frame(self) -> Any:
+        """The rows as a `pandas.DataFrame` (`pip install sigmapoint[cli]`)."""
+        import pandas as pd
+
+        return pd.DataFrame(self.rows).set_index("method")
+
+
+def as_text(value: Any) -> str:
+    """A cell of a table: four significant digits, nothing for what is missing."""
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value:.4g}"
+    return "" if value is None else str(value)
+
+
+def _line(cells: list[str], widths: list[int]) -> str:
+    padded = (cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(cells, widths)))
+    return "  ".join(padded).rstrip()
+
+
+def default_methods(model: StateSpaceModel) -> dict[str, Method]:
+    """The eleven standard methods; without Gauss-Hermite where it has too many points for the model."""
+    names = ("ekf", "srekf", "ukf", "srukf", "simplex_ukf", "cdkf", "srcdkf", "ckf", "srckf", "ghkf", "srghkf")
+    noises = (model.process_noise, model.observation_noise)
+    within = max((noise.cov.shape[-1] for noise in noises if isinstance(noise, NonAdditive)), default=0)
+    most = model.initial.cov.shape[-1] + within
+    kept = (name for name in names if "ghkf" not in name or 3**most <= MOST_POINTS)
+    return {name: getattr(named, name)() for name in kept}
+
+
+def timed(run: Callable[[], Posterior]) -> tuple[Posterior, float, float]:
+    """The result of `run`, seconds of a warm call, and how much longer the first call took."""
+    begin = time.perf_counter()
+    post = jax.block_until_ready(run())
+    first = time.perf_counter() - begin
+    warm: list[float] = []
+    while len(warm) < WARM_CALLS and sum(warm) < WARM_SECONDS:
+        begin = time.perf_counter()
+        jax.block_until_ready(run())
+        warm.append(time.perf_counter() - begin)
+    return post, min(warm), max(first - min(warm), 0.0)
+
+
+def _error(model: StateSpaceModel, post: Posterior, truth: Float[np.ndarray, "T d"]) -> Row:
+    """Root-mean-square error of each state, and the share of errors within two standard deviations."""
+    mean, std = series_of(post)
+    residual = jax.vmap(model.state_space.residual)(jax.numpy.asarray(mean), jax.numpy.asarray(truth, mean.dtype))
+    error = np.asarray(residual, np.float64)
+    known = ~np.isnan(truth).any(1) if error.shape != truth.shape else ~np.isnan(truth)
+    known = np.broadcast_to(known.reshape(len(error), -1), error.shape)
+    names = model.state_names if len(model.state_names) == error.shape[1] else [f"d{i}" for i in range(error.shape[1])]
+    columns = {f"rmse {name}": slice(i, i + 1) for i, name in enumerate(names) if known[:, i].any()}
+    if len(columns) > MOST_COLUMNS:
+        columns = {"rmse": slice(None)}
+    rms = {name: float(np.sqrt(np.mean(error[:, i][known[:, i]] ** 2))) for name, i in columns.items()}
+    inside = np.abs(error) <= 2 * std
+    return {**rms, "coverage_2sigma": float(inside[known].mean()) if known.any() else float("nan")}
+
+
+def _innovations(post: Posterior) -> Row:
+    measured = int(np.sum(~np.isnan(np.asarray(post.innovation))))
+    nis = float(np.sum(np.asarray(post.nis), dtype=np.float64)) / measured if measured else float("nan")
+    return {"nis_per_element": nis, "log_likelihood": float(post.log_likelihood)}
+
+
+def _note(post: Posterior) -> str:
+    mean, std = series_of(post)
+    bad = ~(np.isfinite(mean).all(1) & np.isfinite(std).all(1))
+    return f"not finite from row {int(np.argmax(bad))}" if bad.any() else ""
+
+
+def row_of(name: str, model: StateSpaceModel, run: Callable[[], Posterior], truth: Any) -> tuple[Row, Posterior | None]:
+    """Run one method and judge it; where it refuses, a row with its message."""
+    try:
+        post, warm, compiling = timed(run)
+    except ValueError as error:
+        return {"method": name, "note": str(error)}, None
+    judged = {} if truth is None else _error(model, post, truth)
+    seconds = {"us_per_step": 1e6 * warm / post.y.shape[0], "compile_s": compiling}
+    return {"method": name, **judged, **_innovations(post), **seconds, "note": _note(post)}, post
+
+
+def known_truth(model: StateSpaceModel, truth: Any, T: int) -> Float[np.ndarray, "T d"] | None:
+    """The true states (T, n), checked; NaN where they are not known."""
+    if truth is None:
+        return None
+    made = np.asarray(array("truth", truth))
+    expected = (T, *model.initial.mean.shape)
+    if made.shape != expected:
+        raise ValueError(f"truth must be {expected}, one row a sample and one column a state, got shape {made.shape}")
+    return made
+
+
+def compare(
+    model: StateSpaceModel,
+    y: Any,
+    u: Any = None,
+    methods: Mapping[str, Method] | None = None,
+    truth: Float[Array, "T d"] | Float[np.ndarray, "T d"] | None = None,
+    *,
+    smooth: bool = False,
+    each: Callable[[str], None] = lambda name: None,
+) -> Comparison:
+    """Run several methods on the same series and put them side by side.
+
+    Args:
+        model, y, u: as for `filter`.
+        methods: name -> method; the eleven standard ones where not given.
+        truth: true states (T, n), in the units of the state; NaN where not known.
+        smooth: judge smoothed in place of filtered estimates (innovations are the filter's in both cases).
+        each: called with the name of each method before it runs, for a progress bar.
+
+    Returns:
+        A `Comparison`: `.rows` (dicts), `.posteriors`, `.to_frame()`, and a table when printed. Columns: `rmse` of each
+        state [its unit] and `coverage_2sigma` [1] (0.954 expected) with `truth`; `nis_per_element` [1] (1 expected);
+        `log_likelihood`; `us_per_step` [µs] warm; `compile_s` [s]; `note`: why a method refused, or where it diverged.
+
+    Raises:
+        ValueError: measurements, inputs or truth that do not fit the model, or no methods.
+
+    Example:
+        >>> import jax, jax.numpy as jnp, sigmapoint as sp
+        >>> from sigmapoint.compare import compare
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> x, y = sp.simulate(model, 50, key=jax.random.key(0))
+        >>> table = compare(model, y, methods={"ekf": sp.ekf(), "ukf": sp.ukf()}, truth=x)
+        >>> [row["method"] for row in table.rows]
+        ['ekf', 'ukf']
+    """
+    y, u = prepared(model, y, u)
+    states = known_truth(model, truth, y.shape[0])
+    if methods is not None and not methods:
+        raise ValueError("methods is empty: give a dict such as {'ekf': sp.ekf(), 'srcdkf': sp.srcdkf()}")
+    estimate = smoothed if smooth else filter
+    rows, posteriors = [], {}
+    for name, method in (default_methods(model) if methods is None else methods).items():
+        each(name)
+        row, post = row_of(name, model, lambda method=method: estimate(model, y, u, method), states)
+        rows.append(row)
+        if post is not None:
+            posteriors[name] = post
+    return Comparison(rows, posteriors)

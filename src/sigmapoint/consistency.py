@@ -1,0 +1,120 @@
+"""Consistency of normalised squares with χ², and coverage of error bars.
+
+If the model is right, an innovation e with its covariance S and an error x − m with its covariance P satisfy
+
+    NIS = eᵀ S⁻¹ e ~ χ²(measured elements),      NEES = (x − m)ᵀ P⁻¹ (x − m) ~ χ²(n)
+
+and the sum over independent rows is χ² of the summed degrees of freedom: Bar-Shalom, Li & Kirubarajan, *Estimation with
+Applications to Tracking and Navigation* (2001), §5.4. Means are quoted per degree of freedom, so that 1 is right.
+
+Vectors are normalised by the symmetric root of their correlation matrix, which keeps every normalised element as close
+as possible to the element it came from (ZCA-cor: Kessy, Lewin & Strimmer, The American Statistician 72, 2018).
+Directions without variance have nothing to be normalised by; they are left out and lower the degrees of freedom.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+LEVEL = (0.025, 0.975)
+SIGMAS = (1, 2, 3)
+BLOCK = 20_000
+"""Rows decomposed at a time, to bound memory."""
+
+
+class Normalised(NamedTuple):
+    """Vectors made standard: `white` (NaN where unknown), their squared lengths, and degrees of freedom."""
+
+    white: Float[np.ndarray, "T d"]
+    squared: Float[np.ndarray, "T"]
+    degrees: Int[np.ndarray, "T"]
+
+
+class Consistency(NamedTuple):
+    """NIS or NEES of a run, per degree of freedom: 1 is right, above is overconfident, below is underconfident."""
+
+    mean: float
+    band: tuple[float, float]
+    """95 % of the means of independent rows"""
+    median: float
+    """of the rows, as a multiple of its expectation: a mean above with a median below 1 is a few large values"""
+    inside: float
+    """fraction of rows within their own 95 % band"""
+    rows: int
+    degrees: int
+
+
+class Coverage(NamedTuple):
+    """Fraction of instants at which the error of a state was within 1, 2, 3 standard deviations, and its rms."""
+
+    name: str
+    within: tuple[float, float, float]
+    rms: float
+
+
+def normalised(error: Float[np.ndarray, "T d"], cov: Float[np.ndarray, "T d d"]) -> Normalised:
+    """Divide vectors by the symmetric root of their covariance; NaN elements were not measured."""
+    starts = range(0, max(len(error), 1), BLOCK)
+    blocks = [_normalised(error[i : i + BLOCK], cov[i : i + BLOCK]) for i in starts]
+    return Normalised(*(np.concatenate(parts) for parts in zip(*blocks)))
+
+
+def _normalised(error: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    d, tol = error.shape[1], 100 * np.finfo(cov.dtype).eps
+    error, cov = error.astype(float), cov.astype(float)
+    variance = np.einsum("tii->ti", cov)
+    usable = np.isfinite(error) & np.isfinite(variance) & (variance > 0)
+    scale = np.sqrt(np.where(usable, variance, 1.0))
+    known = usable[:, :, None] & usable[:, None, :] & np.isfinite(cov)
+    correlation = np.where(known, cov, 0.0) / scale[:, :, None] / scale[:, None, :]
+    correlation = np.where(~usable[:, :, None] & np.eye(d, dtype=bool), 1.0, correlation)
+    w, V = np.linalg.eigh(correlation)
+    kept = w > tol * d
+    along = np.einsum("tij,ti->tj", V, np.where(usable, error, 0.0) / scale)
+    along = np.where(kept, along / np.sqrt(np.where(kept, w, 1.0)), 0.0)
+    white = np.where(usable, np.einsum("tij,tj->ti", V, along), np.nan)
+    return white, (along**2).sum(1), np.maximum(usable.sum(1) - (~kept).sum(1), 0)
+
+
+def row_band(degrees: Int[np.ndarray, "T"]) -> tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T"]]:
+    """The 95 % band of each row, χ² with its own degrees of freedom; NaN where those are 0."""
+    low, high = (_quantile(level, degrees) for level in LEVEL)
+    return low, high
+
+
+def consistency(squared: Float[np.ndarray, "T"], degrees: Int[np.ndarray, "T"]) -> Consistency:
+    """Judge normalised squares against χ²; rows with no degrees of freedom, or not finite, are left out."""
+    used = (degrees > 0) & np.isfinite(squared)
+    squared, degrees = squared[used].astype(float), degrees[used]
+    total = int(degrees.sum())
+    if total == 0:
+        nan = float("nan")
+        return Consistency(nan, (nan, nan), nan, nan, 0, 0)
+    low, high = row_band(degrees)
+    spread = [float(_quantile(level, np.array([total]))[0]) / total for level in LEVEL]
+    return Consistency(
+        mean=float(squared.sum() / total),
+        band=(spread[0], spread[1]),
+        median=float(np.median(squared / _quantile(0.5, degrees))),
+        inside=float(np.mean((low <= squared) & (squared <= high))),
+        rows=squared.size,
+        degrees=total,
+    )
+
+
+def _quantile(level: float, degrees: np.ndarray) -> np.ndarray:
+    from scipy.stats import chi2
+
+    distinct, where = np.unique(degrees, return_inverse=True)
+    return np.where(distinct > 0, chi2.ppf(level, np.maximum(distinct, 1)), np.nan)[where]
+
+
+def coverage(name: str, error: np.ndarray, std: np.ndarray) -> Coverage:
+    known = np.isfinite(error) & np.isfinite(std)
+    if not known.any():
+        nan = float("nan")
+        return Coverage(name, (nan, nan, nan), nan)
+    e, s = np.abs(error[known]), std[known]
+    one, two, three = (float(np.mean(e <= k * s)) for k in SIGMAS)
+    return Coverage(name, (one, two, three), float(np.sqrt(np.mean(e**2))))

@@ -1,0 +1,104 @@
+"""Can an estimate be trusted? Consistency of a filter with itself, and with the truth where that is known.
+
+Four questions: are innovations as large as the filter says (NIS, `sigmapoint.consistency`); are they white, unbiased,
+Gaussian and unrelated to the inputs (`sigmapoint.whiteness`); are errors as large as it says, where the truth is known
+(NEES, coverage); and what does all that mean (`sigmapoint.verdicts`).
+
+Innovations of a consistent filter are white, so the band of the mean NIS holds; if they are correlated in time the mean
+scatters more than its band says. Errors are *always* correlated in time: the band of the mean NEES is a guide.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from sigmapoint import verdicts
+from sigmapoint.consistency import Consistency, Coverage, consistency, coverage, normalised
+from sigmapoint.results import Posterior
+from sigmapoint.spaces import Euclidean, Space
+from sigmapoint.verdicts import Verdict
+from sigmapoint.whiteness import Element, columns, tested
+
+
+class Diagnosis(NamedTuple):
+    """What `diagnose` found; `nees` and `coverage` only where the truth is known."""
+
+    nis: Consistency
+    elements: tuple[Element, ...]
+    nees: Consistency | None
+    coverage: tuple[Coverage, ...]
+    lost: int
+    """rows that were measured but have no finite innovation"""
+    verdicts: tuple[Verdict, ...]
+
+
+def errors(post: Posterior, truth: Any, space: Space | None = None) -> Float[np.ndarray, "T n"]:
+    """Truth minus estimate, in `space` (the `state_space` of the model)."""
+    mean, truth = field(post, "mean"), np.asarray(jax.device_get(truth), float)
+    if truth.shape != mean.shape:
+        raise ValueError(f"truth must have the shape of the estimates, {mean.shape}, got {truth.shape}")
+    difference = jax.vmap((space or Euclidean()).residual)
+    return np.asarray(difference(jnp.asarray(truth, mean.dtype), jnp.asarray(mean)))
+
+
+def field(post: Posterior, name: str) -> np.ndarray:
+    """One field of the result of one series, as a NumPy array."""
+    if np.ndim(post.log_likelihood):
+        shape = np.shape(post.log_likelihood)
+        raise ValueError(f"this result is a batch of shape {shape}; pick one with jax.tree.map(lambda a: a[i], post)")
+    if getattr(post, name) is None:
+        raise ValueError(f"this result has no {name}: call sp.filter with keep=({name!r}, ...), or without keep")
+    return np.asarray(jax.device_get(getattr(post, name)))
+
+
+def tangent_names(post: Posterior) -> tuple[str, ...]:
+    """Names of the columns of `std`: those of the states, or `d0, d1, …` on a manifold of fewer dimensions."""
+    n, names = field(post, "std").shape[1], post.labels.states
+    return names if len(names) == n else tuple(f"d{i}" for i in range(n))
+
+
+def diagnose(post: Posterior, truth: Any = None, *, space: Space | None = None) -> Diagnosis:
+    """Say in numbers and in words whether a result can be trusted.
+
+    Args:
+        post: result of `filter` or `smooth` for one series, with `innovation`, `innovation_cov` and `nis` kept.
+        truth: true states (T, n) where they are known; then `mean`, `cov` and `std` must have been kept.
+        space: where the states live, as in the model, so that errors of angles are taken the short way round.
+
+    Returns:
+        NIS, tests of the innovations of each measured quantity, NEES and coverage, and `verdicts`: sentences with a
+        severity, `good`, `warning` or `bad`.
+
+    Raises:
+        ValueError: a field was not kept; a batch of results; a truth of another shape.
+        ImportError: scipy is not installed (`pip install sigmapoint[cli]`).
+
+    Example:
+        >>> import jax, jax.numpy as jnp, sigmapoint as sp
+        >>> from sigmapoint.diagnostics import diagnose
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> x, y = sp.simulate(model, 500, key=jax.random.key(0))
+        >>> {verdict.severity for verdict in diagnose(sp.filter(model, y), truth=x).verdicts}
+        {'good'}
+    """
+    innovation, nis = field(post, "innovation"), field(post, "nis")
+    normal = normalised(innovation, field(post, "innovation_cov"))
+    inputs = columns(post.u, len(nis))
+    names = post.labels.observations
+    elements = tuple(tested(name, z, inputs) for name, z in zip(names, normal.white.T))
+    measured = np.isfinite(np.asarray(post.y)).any(1)
+    lost = int((measured & ~(np.isfinite(innovation).any(1) & np.isfinite(nis))).sum())
+    nees, covered = (None, ()) if truth is None else _against(post, truth, space)
+    whole = consistency(nis, normal.degrees)
+    return Diagnosis(whole, elements, nees, covered, lost, verdicts.of(whole, elements, nees, covered, lost))
+
+
+def _against(post: Posterior, truth: Any, space: Space | None) -> tuple[Consistency, tuple[Coverage, ...]]:
+    error, std = errors(post, truth, space), field(post, "std")
+    normal = normalised(error, field(post, "cov"))
+    rows = zip(tangent_names(post), error.T, std.T)
+    return consistency(normal.squared, normal.degrees), tuple(coverage(*row) for row in rows)

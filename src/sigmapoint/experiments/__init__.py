@@ -1,0 +1,45 @@
+"""The papers' experiments by name: `EXPERIMENTS[name].run(runs, seed, out, quick)`. One file each, loaded when run.
+
+To add one: a module here with `run(runs, seed, out, quick) -> list[dict]` that ends in `results.publish`, and one line
+in `EXPERIMENTS`.
+"""
+
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+Run = Callable[[int | None, int, Path, bool], list[dict]]
+
+
+class Experiment(NamedTuple):
+    """An experiment.
+
+    Attributes:
+        name: what the command line calls it.
+        description: one line.
+        run: `(runs, seed, out, quick) -> rows`: `runs` where not None is the number of Monte-Carlo runs (None: the
+            experiment's own), `seed` seeds them, `out` is the folder for `results.json`, `report.html` and figures,
+            `quick` asks for a small version.
+    """
+
+    name: str
+    description: str
+    run: Run
+
+
+def _lazily(module: str) -> Run:
+    def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict]:
+        if runs is not None and runs < 2:
+            raise ValueError(f"runs must be at least 2, to show a spread; got {runs}")
+        return import_module(f"sigmapoint.experiments.{module}").run(runs, seed, Path(out), quick)
+
+    return run
+
+
+_ALL = (
+    Experiment("scalar", "EKF and sigma-point filters on a scalar model with a cubic sensor", _lazily("scalar")),
+    Experiment("transform", "mean and covariance through a nonlinearity: pictures, orders", _lazily("transform")),
+)
+
+EXPERIMENTS: dict[str, Experiment] = {experiment.name: experiment for experiment in _ALL}

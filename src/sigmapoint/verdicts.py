@@ -1,0 +1,166 @@
+"""Numbers of a diagnosis in plain words.
+
+With many samples every model is detectably wrong, so a verdict asks for two things: the deviation is outside what
+chance does (the band of the test), and it is large enough to matter (the thresholds below).
+"""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from sigmapoint.consistency import Consistency, Coverage
+from sigmapoint.whiteness import Element
+
+Severity = Literal["good", "warning", "bad"]
+
+FEW = 30
+"""Samples below which nothing is said about whiteness and normality."""
+TOLERATED = (0.8, 1.25)
+"""Mean NIS or NEES per degree of freedom that nobody needs to act on."""
+GROSS = 2.0
+"""Mean NIS or NEES per degree of freedom above which error bars mislead."""
+CORRELATED, STRONGLY = 0.1, 0.5
+"""Correlations that matter, and that dominate."""
+CHANCE = 0.001
+"""p-value below which a deviation is not chance."""
+NIS = ("NIS", "innovations", "measured element")
+NEES = ("NEES", "errors", "state")
+
+
+class Verdict(NamedTuple):
+    """One sentence or two, and how serious it is."""
+
+    severity: Severity
+    text: str
+
+
+def of(
+    nis: Consistency,
+    elements: tuple[Element, ...],
+    nees: Consistency | None,
+    coverage: tuple[Coverage, ...],
+    lost: int,
+) -> tuple[Verdict, ...]:
+    """Every verdict of a diagnosis, the question of consistency first."""
+    said = [*_lost(lost), *_samples(nis)]
+    if nis.rows:
+        said += [_consistent(nis, *NIS), *_whiteness(elements)]
+        said += [v for e in elements if e.count >= FEW for v in (*_bias(e), *_tails(e), *_inputs(e))]
+    if nees is not None and nees.rows:
+        said += [_consistent(nees, *NEES), *_coverage(coverage)]
+    return tuple(said)
+
+
+def _lost(lost: int) -> list[Verdict]:
+    if not lost:
+        return []
+    text = (
+        f"The filter broke down: {lost} measured sample(s) have no finite innovation. Look for a model that returns "
+        "NaN or infinity outside its range, and try a square-root method or a wider initial covariance."
+    )
+    return [Verdict("bad", text)]
+
+
+def _samples(nis: Consistency) -> list[Verdict]:
+    if nis.rows >= FEW:
+        return []
+    if nis.rows == 0:
+        return [Verdict("warning", "No usable measurement: the result is a prediction that nothing checks.")]
+    return [Verdict("warning", f"Only {nis.rows} sample(s) were measured: too few to judge the filter by.")]
+
+
+def _consistent(c: Consistency, short: str, what: str, per: str) -> Verdict:
+    low, high = c.band
+    numbers = f"mean {short} {c.mean:.3g} per {per}, expected {low:.2f} to {high:.2f}"
+    if low <= c.mean <= high or TOLERATED[0] <= c.mean <= TOLERATED[1]:
+        text = f"The error bars fit the {what}: {numbers}; {100 * c.inside:.0f} % of samples within their 95 % band."
+        return Verdict("good", text)
+    if c.mean < low:
+        text = (
+            f"The filter is underconfident: its {what} are on average {1 / max(c.mean, 1e-12):.3g} times smaller (in "
+            f"variance) than it says ({numbers}). Try a smaller observation_noise or process_noise."
+        )
+        return Verdict("warning", text)
+    text = (
+        f"The filter is overconfident: its {what} are on average {c.mean:.3g} times larger (in variance) than it says "
+        f"({numbers}). "
+    )
+    if c.median < 1:
+        text += (
+            f"A typical sample is within bounds ({100 * c.inside:.0f} % are inside their 95 % band), so a few very large ones "
+            "cause this: look for outliers, jumps, or a phase that the model does not describe."
+        )
+    else:
+        text += "Try a larger observation_noise or process_noise, or add the missing state."
+    return Verdict("bad" if c.mean > GROSS else "warning", text)
+
+
+def _whiteness(elements: tuple[Element, ...]) -> list[Verdict]:
+    judged = [e for e in elements if e.count >= FEW]
+    coloured = [e for e in judged if e.ljung_box < CHANCE and np.abs(e.autocorrelation).max() > CORRELATED]
+    if judged and not coloured:
+        return [Verdict("good", "The innovations are uncorrelated in time: nothing slow is left unmodelled.")]
+    return [_coloured(e) for e in coloured]
+
+
+def _coloured(e: Element) -> Verdict:
+    lag = int(np.abs(e.autocorrelation).argmax())
+    rho = e.autocorrelation[lag]
+    severity: Severity = "bad" if abs(rho) > STRONGLY else "warning"
+    numbers = f"{rho:+.2f} at lag {lag + 1}; chance stays within ±{e.band:.2f}"
+    head = f"Innovations of {e.name} are correlated in time ({numbers}): "
+    if rho > 0:
+        advice = "something slow is not modelled. Add a state for it (a bias, a drift, a lag), or raise process_noise."
+    else:
+        advice = "the filter overreacts. Try a smaller process_noise or a larger observation_noise."
+    return Verdict(severity, head + advice + " The band of the mean NIS is for white innovations, and too narrow here.")
+
+
+def _bias(e: Element) -> list[Verdict]:
+    if abs(e.bias) <= max(CORRELATED, 1.68 * e.band):
+        return []
+    text = (
+        f"Innovations of {e.name} are {e.bias:+.2f} standard deviations off zero on average: look for an offset of the "
+        "sensor or of the model, and add it as a state."
+    )
+    return [Verdict("bad" if abs(e.bias) > 1 else "warning", text)]
+
+
+def _tails(e: Element) -> list[Verdict]:
+    if not (e.jarque_bera < CHANCE and (abs(e.skewness) > 0.5 or e.kurtosis > 1)):
+        return []
+    shape = "have heavier tails than a Gaussian" if e.kurtosis > 1 else "are lopsided"
+    text = (
+        f"Innovations of {e.name} {shape} (skewness {e.skewness:+.2g}, excess kurtosis {e.kurtosis:+.2g}): error bars "
+        "understate rare large deviations. Look for outliers, or noise that is larger in some phases."
+    )
+    return [Verdict("warning", text)]
+
+
+def _inputs(e: Element) -> list[Verdict]:
+    related = [i for i in e.inputs if abs(i.correlation) > max(CORRELATED, 1.5 * i.band)]
+    if not related:
+        return []
+    most = max(related, key=lambda i: abs(i.correlation))
+    others = f" (also {', '.join(i.column for i in related if i is not most)})" if len(related) > 1 else ""
+    text = (
+        f"The effect of input {most.column}{others} on {e.name} is not fully modelled: innovations follow it "
+        f"(correlation {most.correlation:+.2f}; chance stays within ±{most.band:.2f})."
+    )
+    return [Verdict("bad" if abs(most.correlation) > STRONGLY else "warning", text)]
+
+
+def _coverage(states: tuple[Coverage, ...]) -> list[Verdict]:
+    poor = [c for c in states if c.within[1] < 0.85]
+    known = [c for c in states if c.within[1] >= 0.85]
+    if not poor:
+        lowest = min((c.within[1] for c in known), default=float("nan"))
+        text = (
+            f"The ±2σ band of every state covers the truth at least {100 * lowest:.0f} % of the time (95 % is nominal)."
+        )
+        return [Verdict("good", text)] if known else []
+    worst = sorted(poor, key=lambda c: c.within[1])[:5]
+    listed = ", ".join(f"{c.name} {100 * c.within[1]:.0f} %" for c in worst)
+    more = f" and {len(poor) - len(worst)} more" if len(poor) > len(worst) else ""
+    text = f"The ±2σ band misses the truth too often (95 % is nominal): it covers {listed}{more}. Do not rely on it."
+    return [Verdict("bad" if worst[0].within[1] < 0.6 else "warning", text)]

@@ -1,0 +1,150 @@
+"""Are normalised innovations z white, unbiased, Gaussian, and unrelated to the inputs?
+
+With N values measured and N_l pairs of them l samples apart,
+
+    ρ_l = mean(z_k z_{k+l}) / mean(z_k²)            of centred z; within ±1.96/√N for white noise
+    Q   = (N + 2)/N Σ_l N_l ρ_l²                    ~ χ²(lags): Ljung & Box (1978), gaps as Stoffer & Toloi (1992)
+    J   = N/6 (skewness² + excess kurtosis²/4)      ~ χ²(2): Jarque & Bera (1980)
+
+The correlation with an input column v is taken with v[k] (it enters h) and v[k-1] (it entered f); its standard
+deviation is √(Σ_l ρ_l(z) ρ_l(v) / N), so that two slow series are not taken for related (Bartlett 1946).
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+LAGS = 20
+COLUMNS = 32
+"""Input columns that are looked at."""
+
+
+class InputCorrelation(NamedTuple):
+    """Correlation of an innovation with one column of the inputs, and the half-width of its 95 % band."""
+
+    column: str
+    correlation: float
+    band: float
+
+
+class Element(NamedTuple):
+    """What the normalised innovations of one measured quantity show; NaN where there were too few to say."""
+
+    name: str
+    white: Float[np.ndarray, "T"]
+    """normalised: mean 0, variance 1; NaN where not measured"""
+    samples: int
+    bias: float
+    """mean of the normalised innovations, in standard deviations"""
+    autocorrelation: Float[np.ndarray, "L"]
+    """at lags 1, 2, …"""
+    band: float
+    """95 % of the autocorrelations of white noise are within ± this"""
+    ljung_box: float
+    """p-value of whiteness"""
+    skewness: float
+    kurtosis: float
+    """excess over a Gaussian"""
+    jarque_bera: float
+    """p-value of normality"""
+    inputs: tuple[InputCorrelation, ...]
+
+
+def columns(u: Any, T: int) -> dict[str, Float[np.ndarray, "T"]]:
+    """Every numeric column of the inputs by name: `current`, `u0`, `wheel.left`; at most 32 of them."""
+    found: dict[str, np.ndarray] = {}
+    for path, leaf in jax.tree_util.tree_leaves_with_path(u):
+        values = np.asarray(jax.device_get(leaf))
+        if values.shape[:1] != (T,) or values.dtype.kind not in "fiub":
+            continue
+        name = jax.tree_util.keystr(path, simple=True, separator=".") or "u"
+        flat = values.reshape(T, -1).astype(float)
+        labels = [name] if values.ndim == 1 else [f"{name}{i}" for i in range(flat.shape[1])]
+        found.update(zip(labels, flat.T))
+    return dict(list(found.items())[:COLUMNS])
+
+
+def autocorrelation(z: Float[np.ndarray, "T"], lags: int) -> tuple[Float[np.ndarray, "L"], Float[np.ndarray, "L"]]:
+    """Autocorrelation at lags 1 … `lags` over the pairs that were measured, and the numbers of pairs."""
+    valid = np.isfinite(z)
+    centred = np.where(valid, z - _mean(z), 0.0)
+    variance = (centred**2).sum() / max(valid.sum(), 1)
+    pairs = np.array([(valid[:-lag] & valid[lag:]).sum() for lag in range(1, lags + 1)], float)
+    sums = np.array([centred[:-lag] @ centred[lag:] for lag in range(1, lags + 1)], float)
+    scale = np.maximum(pairs, 1) * variance
+    return np.where(scale > 0, sums / np.where(scale > 0, scale, 1.0), 0.0), pairs
+
+
+def tested(name: str, z: Float[np.ndarray, "T"], inputs: dict[str, np.ndarray]) -> Element:
+    """All tests of the normalised innovations of one quantity."""
+    from scipy.stats import chi2
+
+    count = int(np.isfinite(z).sum())
+    lags = max(min(LAGS, count // 4, z.size - 1), 0)
+    rho, pairs = autocorrelation(z, lags)
+    band = 1.96 / max(count, 1) ** 0.5
+    Q = (count + 2) / max(count, 1) * float(pairs @ rho**2)
+    skewness, kurtosis = _moments(z)
+    J = count / 6 * (skewness**2 + kurtosis**2 / 4)
+    return Element(
+        name=name,
+        white=z,
+        samples=count,
+        bias=_mean(z),
+        autocorrelation=rho,
+        band=band,
+        ljung_box=float(chi2.sf(Q, lags)) if lags else float("nan"),
+        skewness=skewness,
+        kurtosis=kurtosis,
+        jarque_bera=float(chi2.sf(J, 2)),
+        inputs=tuple(_with_input(c, z, v, rho) for c, v in inputs.items() if count > 2 and _varies(v)),
+    )
+
+
+def quantiles(z: Float[np.ndarray, "T"], points: int = 400) -> tuple[Float[np.ndarray, "Q"], Float[np.ndarray, "Q"]]:
+    """Quantiles of a standard normal and of `z` (for a QQ plot), at most `points`, evenly spread along the normal."""
+    from scipy.stats import norm
+
+    ordered = np.sort(z[np.isfinite(z)])
+    at = norm.ppf((np.arange(ordered.size) + 0.5) / max(ordered.size, 1))
+    if ordered.size > points:
+        chosen = np.unique(np.searchsorted(at, np.linspace(at[0], at[-1], points)))
+        at, ordered = at[chosen], ordered[chosen]
+    return at, ordered
+
+
+def _mean(z: np.ndarray) -> float:
+    values = z[np.isfinite(z)]
+    return float(values.mean()) if values.size else float("nan")
+
+
+def _moments(z: np.ndarray) -> tuple[float, float]:
+    """Skewness and excess kurtosis; NaN for fewer than 4 values, or when all are alike."""
+    values = z[np.isfinite(z)]
+    if values.size < 4 or not _varies(values):
+        return float("nan"), float("nan")
+    s = (values - values.mean()) / values.std()
+    return float((s**3).mean()), float((s**4).mean() - 3)
+
+
+def _varies(values: np.ndarray) -> bool:
+    known = values[np.isfinite(values)]
+    return known.size > 1 and bool(known.std() > 1e-12 * np.abs(known).max())
+
+
+def _with_input(column: str, z: np.ndarray, v: np.ndarray, rho: np.ndarray) -> InputCorrelation:
+    """The larger of the correlations with v[k] and v[k-1]."""
+    past = np.concatenate([[np.nan], v[:-1]])
+    correlation = max((_correlation(z, v), _correlation(z, past)), key=abs)
+    alike = 1 + 2 * float(rho @ autocorrelation(v, rho.size)[0])
+    return InputCorrelation(column, correlation, 1.96 * (max(alike, 1.0) / np.isfinite(z).sum()) ** 0.5)
+
+
+def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+    both = np.isfinite(a) & np.isfinite(b)
+    a, b = a[both], b[both]
+    if not (_varies(a) and _varies(b)):
+        return 0.0
+    return float(np.mean((a - a.mean()) * (b - b.mean())) / (a.std() * b.std()))

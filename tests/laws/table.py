@@ -1,0 +1,28 @@
+"""The table of methods that every law is held against: a new method is one line here."""
+
+import sigmapoint as sp
+
+PAIRS = {
+    "ekf": (sp.ekf(), sp.srekf()),
+    "ukf": (sp.ukf(), sp.srukf()),
+    "ukf(1e-3)": (sp.ukf(alpha=1e-3), sp.srukf(alpha=1e-3)),
+    "ukf(1,0,2)": (sp.ukf(1.0, 0.0, 2.0), sp.srukf(1.0, 0.0, 2.0)),
+    "julier": (sp.julier_ukf(), sp.srjulier_ukf()),
+    "simplex": (sp.simplex_ukf(), sp.srsimplex_ukf()),
+    "simplex(n+2)": (sp.simplex_ukf(w0=0.3), sp.srsimplex_ukf(w0=0.3)),
+    "cdkf": (sp.cdkf(), sp.srcdkf()),
+    "ckf": (sp.ckf(), sp.srckf()),
+    "ghkf": (sp.ghkf(), sp.srghkf()),
+    "extended set": (sp.extended_set(sp.ukf()), sp.extended_set(sp.srukf())),
+    "augmented": (sp.augmented(sp.cdkf()), sp.augmented(sp.srcdkf())),
+}
+DENSE = {name: pair[0] for name, pair in PAIRS.items()}
+SQUARE_ROOT = {f"sr {name}": pair[1] for name, pair in PAIRS.items()}
+METHODS = DENSE | SQUARE_ROOT
+LARGEST = {"ghkf": 5, "sr ghkf": 5}
+"""The largest dimension in which a method is tried: a product rule has 3ⁿ points."""
+
+
+def precision(name: str) -> float:
+    """Relative agreement to ask for: at alpha = 1e-3 differences are formed from values that agree to three digits more."""
+    return 1e-6 if "1e-3" in name else 1e-10
