@@ -28,6 +28,7 @@ Row = dict[str, Any]
 
 MOST_COLUMNS = 6
 """With more states than this, one overall error stands for those of each."""
+WORDS = ("method", "note")
 WARM_CALLS, WARM_SECONDS = 3, 1.0
 """Warm calls end at whichever comes first; there is at least one."""
 
@@ -44,8 +45,8 @@ class Comparison(NamedTuple):
         columns = [name for name in longest if name in filled]
         texts = [[as_text(row.get(name)) for name in columns] for row in self.rows]
         widths = [max(map(len, column)) for column in zip(columns, *texts)]
-        lines = [_line(columns, widths), _line(["-" * w for w in widths], widths), *(_line(t, widths) for t in texts)]
-        return "\n".join(lines)
+        left = [name in WORDS for name in columns]
+        return "\n".join(_line(cells, widths, left) for cells in (columns, ["-" * w for w in widths], *texts))
 
     def to_frame(self) -> Any:
         """The rows as a `pandas.DataFrame` (`pip install sigmapoint[cli]`)."""
@@ -61,9 +62,8 @@ def as_text(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def _line(cells: list[str], widths: list[int]) -> str:
-    padded = (cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(cells, widths)))
-    return "  ".join(padded).rstrip()
+def _line(cells: list[str], widths: list[int], left: list[bool]) -> str:
+    return "  ".join(c.ljust(w) if words else c.rjust(w) for c, w, words in zip(cells, widths, left)).rstrip()
 
 
 def default_methods(model: StateSpaceModel) -> dict[str, Method]:
@@ -113,8 +113,10 @@ def _innovations(post: Posterior) -> Row:
 
 def _note(post: Posterior) -> str:
     mean, std = series_of(post)
-    bad = ~(np.isfinite(mean).all(1) & np.isfinite(std).all(1))
-    return f"not finite from row {int(np.argmax(bad))}" if bad.any() else ""
+    bad = ~np.isfinite(np.column_stack([mean, std, np.asarray(post.nis)])).all(1)
+    if bad.any():
+        return f"not finite from row {int(np.argmax(bad))}"
+    return "" if np.isfinite(float(post.log_likelihood)) else "the likelihood is not finite"
 
 
 def row_of(name: str, model: StateSpaceModel, run: Callable[[], Posterior], truth: Any) -> tuple[Row, Posterior | None]:

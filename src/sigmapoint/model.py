@@ -19,7 +19,6 @@ from sigmapoint import checks
 from sigmapoint.gaussian import Spread
 from sigmapoint.spaces import Euclidean, Space
 
-Value = Float[Array, " d"]
 
 
 class Gaussian(eqx.Module):
@@ -50,7 +49,7 @@ class Entry(NamedTuple):
     """How a noise enters a function: through `size` coordinates ξ of the points, the `rest` added afterwards."""
 
     size: int
-    call: Callable[[Value, Any, Array], Value]
+    call: Callable[[Array, Any, Array], Array]
     rest: Spread | None
 
 
@@ -77,7 +76,7 @@ class AdditiveNoise(NamedTuple):
         return Entry(0, lambda x, u, xi: space.retract(f(x, u), self.mean), self.spread)
 
     def through(self, f: Callable, space: Space) -> Entry:
-        def call(x: Value, u: Any, xi: Array) -> Value:
+        def call(x: Array, u: Any, xi: Array) -> Array:
             return space.retract(f(x, u), self.mean + self.spread.factor @ xi)
 
         return Entry(self.mean.shape[0], call, None)
@@ -245,7 +244,7 @@ class StateSpaceModel(eqx.Module):
 def with_jacobian(function: Callable, jacobian: Callable) -> Callable:
     """`function(x, ...)` whose derivative in `x` is `jacobian(x, ...)`, exactly as given; other derivatives are kept."""
 
-    def differentiated(x: Value, *rest: Any) -> Value:
+    def differentiated(x: Array, *rest: Any) -> Array:
         point = jax.lax.stop_gradient(x)
         return function(point, *rest) + jacobian(point, *rest[:1]) @ (x - point)
 

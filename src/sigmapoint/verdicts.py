@@ -23,8 +23,8 @@ CORRELATED, STRONGLY = 0.1, 0.5
 """Correlations that matter, and that dominate."""
 CHANCE = 0.001
 """p-value below which a deviation is not chance."""
-NIS = ("NIS", "innovations", "measured element")
-NEES = ("NEES", "errors", "state")
+NIS = ("NIS", "innovations", "measured element", "the measurements")
+NEES = ("NEES", "errors", "state", "the states")
 
 
 class Verdict(NamedTuple):
@@ -45,7 +45,7 @@ def of(
     said = [*_lost(lost), *_samples(nis)]
     if nis.rows:
         said += [_consistent(nis, *NIS), *_whiteness(elements)]
-        said += [v for e in elements if e.count >= FEW for v in (*_bias(e), *_tails(e), *_inputs(e))]
+        said += [v for e in elements if e.samples >= FEW for v in (*_bias(e), *_tails(e), *_inputs(e))]
     if nees is not None and nees.rows:
         said += [_consistent(nees, *NEES), *_coverage(coverage)]
     return tuple(said)
@@ -69,7 +69,7 @@ def _samples(nis: Consistency) -> list[Verdict]:
     return [Verdict("warning", f"Only {nis.rows} sample(s) were measured: too few to judge the filter by.")]
 
 
-def _consistent(c: Consistency, short: str, what: str, per: str) -> Verdict:
+def _consistent(c: Consistency, short: str, what: str, per: str, about: str) -> Verdict:
     low, high = c.band
     numbers = f"mean {short} {c.mean:.3g} per {per}, expected {low:.2f} to {high:.2f}"
     if low <= c.mean <= high or TOLERATED[0] <= c.mean <= TOLERATED[1]:
@@ -77,18 +77,18 @@ def _consistent(c: Consistency, short: str, what: str, per: str) -> Verdict:
         return Verdict("good", text)
     if c.mean < low:
         text = (
-            f"The filter is underconfident: its {what} are on average {1 / max(c.mean, 1e-12):.3g} times smaller (in "
-            f"variance) than it says ({numbers}). Try a smaller observation_noise or process_noise."
+            f"The filter is underconfident about {about}: its {what} are on average {1 / max(c.mean, 1e-12):.3g} times "
+            f"smaller (in variance) than it says ({numbers}). Try a smaller observation_noise or process_noise."
         )
         return Verdict("warning", text)
     text = (
-        f"The filter is overconfident: its {what} are on average {c.mean:.3g} times larger (in variance) than it says "
-        f"({numbers}). "
+        f"The filter is overconfident about {about}: its {what} are on average {c.mean:.3g} times larger (in variance) "
+        f"than it says ({numbers}). "
     )
-    if c.median < 1:
+    if c.median < TOLERATED[1]:
         text += (
-            f"A typical sample is within bounds ({100 * c.inside:.0f} % are inside their 95 % band), so a few very large ones "
-            "cause this: look for outliers, jumps, or a phase that the model does not describe."
+            f"A typical sample is within bounds ({100 * c.inside:.0f} % are inside their 95 % band): a few very "
+            "large ones cause this: look for outliers, jumps, or a phase that the model does not describe."
         )
     else:
         text += "Try a larger observation_noise or process_noise, or add the missing state."
@@ -96,7 +96,7 @@ def _consistent(c: Consistency, short: str, what: str, per: str) -> Verdict:
 
 
 def _whiteness(elements: tuple[Element, ...]) -> list[Verdict]:
-    judged = [e for e in elements if e.count >= FEW]
+    judged = [e for e in elements if e.samples >= FEW]
     coloured = [e for e in judged if e.ljung_box < CHANCE and np.abs(e.autocorrelation).max() > CORRELATED]
     if judged and not coloured:
         return [Verdict("good", "The innovations are uncorrelated in time: nothing slow is left unmodelled.")]
@@ -155,9 +155,7 @@ def _coverage(states: tuple[Coverage, ...]) -> list[Verdict]:
     known = [c for c in states if c.within[1] >= 0.85]
     if not poor:
         lowest = min((c.within[1] for c in known), default=float("nan"))
-        text = (
-            f"The ±2σ band of every state covers the truth at least {100 * lowest:.0f} % of the time (95 % is nominal)."
-        )
+        text = f"Every ±2σ band covers the truth at least {100 * lowest:.0f} % of the time (95 % is nominal)."
         return [Verdict("good", text)] if known else []
     worst = sorted(poor, key=lambda c: c.within[1])[:5]
     listed = ", ".join(f"{c.name} {100 * c.within[1]:.0f} %" for c in worst)

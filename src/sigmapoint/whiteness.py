@@ -73,8 +73,9 @@ def autocorrelation(z: Float[np.ndarray, "T"], lags: int) -> tuple[Float[np.ndar
     variance = (centred**2).sum() / max(valid.sum(), 1)
     pairs = np.array([(valid[:-lag] & valid[lag:]).sum() for lag in range(1, lags + 1)], float)
     sums = np.array([centred[:-lag] @ centred[lag:] for lag in range(1, lags + 1)], float)
-    scale = np.maximum(pairs, 1) * variance
-    return np.where(scale > 0, sums / np.where(scale > 0, scale, 1.0), 0.0), pairs
+    if not _varies(z):
+        return np.zeros(lags), pairs
+    return sums / (np.maximum(pairs, 1) * variance), pairs
 
 
 def tested(name: str, z: Float[np.ndarray, "T"], inputs: dict[str, np.ndarray]) -> Element:

@@ -13,6 +13,7 @@ from sigmapoint.cli.run import run
 app = typer.Typer(
     help="Nonlinear estimation with sigma-point Kalman filters. Computes in 64-bit numbers.",
     no_args_is_help=True,
+    rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     add_completion=False,
 )
@@ -24,10 +25,11 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
+Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")]
+
+
 @app.callback()
-def options(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")] = False,
-) -> None:
+def options(version: Version = False) -> None:
     """Nonlinear estimation with sigma-point Kalman filters. Computes in 64-bit numbers."""
 
 

@@ -2,12 +2,13 @@
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
 from sigmapoint.cli import modelfile, output
+from sigmapoint.cli.data import Clock
 from sigmapoint.cli.errors import InputError, blaming, folder, guarded
 from sigmapoint.cli.expressions import parse_methods
 from sigmapoint.cli.run import Data, Debug, Float32, Model, Out, Smooth, frame_of
@@ -15,9 +16,9 @@ from sigmapoint.compare import Comparison, Row, default_methods
 from sigmapoint.compare import compare as compared
 
 HEADINGS = {
-    "coverage_2sigma": "within ±2σ (0.954)",
-    "nis_per_element": "NIS/element (1)",
-    "log_likelihood": "log-likelihood",
+    "coverage_2sigma": "in ±2σ (0.954)",
+    "nis_per_element": "NIS per element (1)",
+    "log_likelihood": "log likelihood",
     "us_per_step": "µs/step",
     "compile_s": "compile s",
 }
@@ -61,7 +62,7 @@ def compare(
     rows = [headed(row) for row in result.rows]
     title = f"{model.stem}: {len(result.rows)} methods on {data.name}"
     files = {
-        "estimates.parquet": output.parquet_file(all_frames(result, problem.clock.shown)),
+        "estimates.parquet": output.parquet_file(all_frames(result, problem.clock)),
         "summary.json": output.json_file(summary),
         "report.html": output.page_file(
             result.posteriors, time=problem.clock.shown, truth=problem.truth, title=title, tables=[("methods", rows)]
@@ -69,7 +70,10 @@ def compare(
     }
     paths = output.write_all(folder_out, files)
     console = Console()
-    console.print(output.table(title, rows))
+    console.print(output.table(title, [{k: v for k, v in row.items() if k != "note"} for row in rows]))
+    for row in rows:
+        if row["note"]:
+            console.print(f"{row['method']}: {row['note']}", markup=False, highlight=False)
     output.written(console, paths)
 
 
@@ -78,11 +82,11 @@ def headed(row: Row) -> Row:
     return {HEADINGS.get(name, name): value for name, value in row.items()}
 
 
-def all_frames(result: Comparison, shown: object) -> object:
+def all_frames(result: Comparison, clock: Clock) -> Any:
     """The beliefs of every method under one another, with the method as the first column."""
     import pandas as pd
 
-    frames = {name: frame_of(post, shown) for name, post in result.posteriors.items()}
+    frames = {name: frame_of(post, clock) for name, post in result.posteriors.items()}
     for name, frame in frames.items():
         frame.insert(0, "method", name)
     return pd.concat(frames.values(), ignore_index=True)

@@ -32,6 +32,7 @@ class Clock(NamedTuple):
 
     numbers: Float[np.ndarray, "T"]
     shown: Any
+    unit: str = ""
 
 
 def read(path: Path) -> pd.DataFrame:
@@ -129,17 +130,18 @@ def column(frame: pd.DataFrame, wanted: str, role: str, *, complete: bool) -> Co
     series = frame.iloc[:, locate(frame, wanted, role)]
     name, unit = header(str(series.name))
     where = f"{role}: column {str(series.name)!r}"
-    numbers = pd.to_numeric(series, errors="coerce") if not pd.api.types.is_numeric_dtype(series) else series
+    numbers = pd.Series(pd.to_numeric(series, errors="coerce"))
     text = np.asarray(numbers.isna() & series.notna())
     if text.any():
         row = int(np.argmax(text))
         raise InputError(f"{where} must be numbers, but holds {str(series.iloc[row])[:40]!r} in data row {row + 1}")
-    values = numbers.to_numpy(np.float64, na_value=np.nan)
+    values = np.asarray(numbers.astype("Float64").to_numpy(float, na_value=np.nan), np.float64)
     if np.isinf(values).any():
-        raise InputError(f"{where} is infinite in data row {int(np.argmax(np.isinf(values))) + 1}; leave the cell empty")
+        row = int(np.argmax(np.isinf(values))) + 1
+        raise InputError(f"{where} is infinite in data row {row}; leave cells empty where nothing was measured")
     if complete and np.isnan(values).any():
-        row = int(np.argmax(np.isnan(values)))
-        raise InputError(f"{where} is empty in data row {row + 1}, but must be known; interpolate, or hold the last value")
+        row = int(np.argmax(np.isnan(values))) + 1
+        raise InputError(f"{where} is empty in data row {row}, but must be known; interpolate, or hold the last value")
     return Column(name, unit, values)
 
 
@@ -159,7 +161,7 @@ def clock(frame: pd.DataFrame, wanted: str | None) -> Clock:
     if back.any():
         row = int(np.argmax(back)) + 2
         raise InputError(f"time: column {str(series.name)!r} goes back in data row {row}; sort the rows by time")
-    return Clock(numbers, shown)
+    return Clock(numbers, shown, header(str(series.name))[1])
 
 
 def _dates(series: pd.Series) -> pd.Series | None:

@@ -31,7 +31,7 @@ def fail(message: str, code: int) -> typer.Exit:
 
 
 def guarded(command: Callable[..., None]) -> Callable[..., None]:
-    """A command in 64-bit numbers (32 with `--float32`) that ends with a message, or with a traceback with `--debug`."""
+    """A command in 64-bit numbers (or `--float32`) that ends with a message; with `--debug`, a traceback."""
 
     @functools.wraps(command)
     def run(*args: Any, debug: bool = False, **options: Any) -> None:

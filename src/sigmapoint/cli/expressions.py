@@ -42,7 +42,7 @@ def parse_methods(text: str) -> dict[str, Method]:
     """Methods separated by commas outside parentheses, by their expressions."""
     parts = split(text)
     if not all(parts):
-        raise InputError(f"--methods {_short(text)!r} has an empty entry; write names with commas between, like ekf,srukf")
+        raise InputError(f"--methods {_short(text)!r} has an empty entry; write names and commas, like ekf,srukf")
     if len(set(parts)) < len(parts):
         raise InputError(f"--methods {_short(text)!r} names a method twice")
     return {part: parse_method(part) for part in parts}
@@ -63,7 +63,7 @@ def split(text: str) -> list[str]:
 def _method(tree: ast.expr, text: str) -> Method:
     call = tree if isinstance(tree, ast.Call) else ast.Call(tree, [], [])
     if not isinstance(call.func, ast.Name):
-        raise InputError(f"method {_short(text)!r}: only method names, calls and numbers are allowed, like iterated(srukf(), 3)")
+        raise InputError(f"method {_short(text)!r}: write only method names, calls and numbers, as in ukf(alpha=1)")
     name = call.func.id
     if name not in PLAIN + AROUND:
         raise InputError(_unknown(name))
@@ -83,6 +83,9 @@ def _called(name: str, function: Callable[..., Method], positional: list[Any], k
         raise InputError(f"method {name}: {error}; its arguments are {_arguments(signature)}") from error
     if name in AROUND and not isinstance(bound.arguments["method"], Method):
         raise InputError(f"method {name}: the first argument must be a method, like {name}(srukf())")
+    for key, value in bound.arguments.items():
+        if signature.parameters[key].annotation is int and not isinstance(value, int):
+            raise InputError(f"method {name}: {key} must be a whole number, got {value}")
     try:
         return function(*bound.args, **bound.kwargs)
     except ValueError as error:

@@ -2,7 +2,7 @@
 
 | name in the file | meaning |
 |---|---|
-| `model` or `build(u, time)` | a `StateSpaceModel`, or what makes one from input columns (dict of arrays) and time (T,) |
+| `model` or `build(u, time)` | a `StateSpaceModel`, or what makes one from inputs (dict of arrays) and time (T,) |
 | `measurements` | names of columns, or a dict from names of observations to columns |
 | `inputs` (optional) | dict from keys of `u` to columns, or names of columns |
 | `time` (optional) | name of the column with numbers or ISO dates; rows are numbered 0, 1, 2, … without it |
@@ -27,6 +27,8 @@ from sigmapoint.cli import data
 from sigmapoint.cli.errors import InputError, blaming
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.results import Labels, Posterior
+
+Columns = dict[str, data.Column]
 
 
 class Problem(NamedTuple):
@@ -80,7 +82,7 @@ def _executed(path: Path) -> Mapping[str, Any]:
 def _time(names: Mapping[str, Any], path: Path) -> str | None:
     time = names.get("time")
     if not isinstance(time, str | None):
-        raise InputError(f"{path}: `time` must be the name of a column, got {type(time).__name__}; rename other uses of it")
+        raise InputError(f"{path}: `time` must be the name of a column, got {type(time).__name__}; rename others")
     return time
 
 
@@ -109,12 +111,12 @@ def _listed(value: Any) -> list[Any]:
     return list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [(None,)]
 
 
-def _columns(frame: pd.DataFrame, names: Mapping[str, Any], name: str, path: Path, *, complete: bool) -> dict[str, data.Column]:
+def _columns(frame: pd.DataFrame, names: Mapping[str, Any], name: str, path: Path, *, complete: bool) -> Columns:
     wanted = _wanted(names, name, path)
     return {key: data.column(frame, text, f"{name} {key!r}", complete=complete) for key, text in wanted.items()}
 
 
-def _measurements(frame: pd.DataFrame, names: Mapping[str, Any], model: StateSpaceModel, path: Path) -> dict[str, data.Column]:
+def _measurements(frame: pd.DataFrame, names: Mapping[str, Any], model: StateSpaceModel, path: Path) -> Columns:
     columns = _columns(frame, names, "measurements", path, complete=False)
     if not columns:
         raise InputError(f"{path} must define `measurements`, a list of columns such as ['voltage']")
@@ -128,16 +130,16 @@ def _measurements(frame: pd.DataFrame, names: Mapping[str, Any], model: StateSpa
     return columns
 
 
-def _truth(frame: pd.DataFrame, names: Mapping[str, Any], model: StateSpaceModel, path: Path) -> dict[str, data.Column]:
+def _truth(frame: pd.DataFrame, names: Mapping[str, Any], model: StateSpaceModel, path: Path) -> Columns:
     columns = _columns(frame, names, "truth", path, complete=False)
     unknown = [name for name in columns if name not in model.state_names]
     if unknown:
         states = ", ".join(model.state_names)
-        raise InputError(f"{path}: `truth` has {unknown[0]!r}, which is no state of the model; its state_names are {states}")
+        raise InputError(f"{path}: `truth` has {unknown[0]!r}, no state of the model; its state_names are {states}")
     return columns
 
 
-def _states(model: StateSpaceModel, truth: dict[str, data.Column]) -> Float[np.ndarray, "T d"] | None:
+def _states(model: StateSpaceModel, truth: Columns) -> Float[np.ndarray, "T d"] | None:
     if not truth:
         return None
     T = next(iter(truth.values())).values.size
@@ -149,7 +151,7 @@ def _numbered(names: tuple[str, ...], prefix: str) -> bool:
     return names == tuple(f"{prefix}{i}" for i in range(len(names)))
 
 
-def _labels(model: StateSpaceModel, measured: dict[str, data.Column], truth: dict[str, data.Column]) -> Labels:
+def _labels(model: StateSpaceModel, measured: Columns, truth: Columns) -> Labels:
     from_file = _numbered(model.observation_names, "y") or len(model.observation_names) != len(measured)
     observations = tuple(measured) if from_file else model.observation_names
     own = model.observation_units if len(model.observation_units) == len(measured) else ("",) * len(measured)

@@ -8,9 +8,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from textwrap import fill
 from typing import IO, Any
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -19,6 +21,9 @@ from rich.table import Table
 from sigmapoint.compare import as_text
 from sigmapoint.results import Posterior
 from sigmapoint.storage import write_atomically
+
+KEPT = 30
+"""Numbers, and words up to this length, stay on one line of a table."""
 
 Writer = Callable[[IO[bytes]], Any]
 
@@ -99,10 +104,14 @@ def innovations(post: Posterior) -> dict[str, float | None]:
 def table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     """Rows as a rich table; columns in the order in which they first appear, those that are empty left out."""
     columns = dict.fromkeys(name for row in rows for name, value in row.items() if value not in ("", None))
-    made = Table(title=escape(title), title_justify="left", title_style="bold")
-    for i, name in enumerate(columns):
+    made = Table(title=escape(title), title_justify="left", title_style="bold", box=SIMPLE_HEAD)
+    made.collapse_padding, made.pad_edge = True, False
+    for name in columns:
         words = all(isinstance(row.get(name, ""), str) for row in rows)
-        made.add_column(escape(name), justify="left" if i == 0 or words else "right", overflow="fold")
+        widest = max(len(as_text(row.get(name))) for row in rows)
+        narrowest = max(*map(len, name.split()), 0 if words and widest > KEPT else widest)
+        heading = escape(fill(name, max(narrowest, min(widest, KEPT)), break_long_words=False))
+        made.add_column(heading, justify="left" if words else "right", overflow="fold", min_width=narrowest)
     for row in rows:
         made.add_row(*(escape(as_text(row.get(name))) for name in columns))
     return made

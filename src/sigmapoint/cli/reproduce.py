@@ -1,6 +1,8 @@
 """`sigmapoint reproduce NAME`: an experiment of the papers, run again here."""
 
 import difflib
+from collections.abc import Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,14 +33,15 @@ def reproduce(
 
     console = Console()
     if show:
-        console.print(output.table("experiments", [{"name": e, "what": EXPERIMENTS[e].description} for e in EXPERIMENTS]))
+        known = [{"name": e.name, "what": e.description} for e in EXPERIMENTS.values()]
+        console.print(output.table("experiments", known))
         return
     chosen = list(EXPERIMENTS) if every else [_known(name, list(EXPERIMENTS))]
     folders = {experiment: folder(out / experiment) for experiment in chosen}
     for experiment in chosen:
         with Console(stderr=True).status(f"running {experiment}"):
             rows = EXPERIMENTS[experiment].run(runs, seed, folders[experiment], quick)
-        console.print(output.table(experiment, [_shown(row) for row in rows]))
+        console.print(output.table(experiment, _shown(rows)))
         output.written(console, sorted(p for p in folders[experiment].iterdir() if p.is_file()))
 
 
@@ -52,5 +55,12 @@ def _known(name: str | None, names: list[str]) -> str:
     raise InputError(f"unknown experiment {name!r}.{hint} Experiments: {', '.join(names)}")
 
 
-def _shown(row: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in row.items() if name != "experiment"}
+def _shown(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Each quantity as a line of its own, with its methods below; notes are on the page."""
+    lines: list[dict[str, Any]] = []
+    for quantity, group in groupby(rows, key=lambda row: row.get("quantity", "")):
+        lines.append({"method": quantity})
+        for row in group:
+            cells = {"published": row.get("published"), "measured": row.get("measured"), "±": row.get("spread")}
+            lines.append({"method": f"  {row.get('method', '')}", **cells, "runs": row.get("runs")})
+    return lines

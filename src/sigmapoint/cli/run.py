@@ -12,11 +12,12 @@ from rich.console import Console
 
 import sigmapoint as sp
 from sigmapoint.cli import modelfile, output
+from sigmapoint.cli.data import Clock
 from sigmapoint.cli.errors import blaming, folder, guarded
 from sigmapoint.cli.expressions import parse_method
 from sigmapoint.results import Posterior, series_of
 
-Model = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Defines `model` or `build(u, time)`, and `measurements`.")]
+Model = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Has `model` or `build(u, time)`, and `measurements`.")]
 Data = Annotated[Path, typer.Argument(metavar="DATA", help="Logged data: .csv, .csv.gz or .parquet, one row a sample.")]
 Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if it is not there.")]
 Float32 = Annotated[bool, typer.Option("--float32", help="Compute in 32-bit numbers in place of 64-bit.")]
@@ -28,7 +29,9 @@ Smooth = Annotated[bool, typer.Option("--smooth", help="Each state from all meas
 def run(
     model: Model,
     data: Data,
-    method: Annotated[str, typer.Option(help="A method, like srukf, 'ukf(alpha=1e-3)', 'iterated(srukf(), 3)'.")] = "srcdkf",
+    method: Annotated[
+        str, typer.Option(help="A method, like srukf, 'ukf(alpha=1e-3)', 'iterated(srukf(), 3)'.")
+    ] = "srcdkf",
     smooth: Smooth = False,
     out: Out = Path("sigmapoint-run"),
     float32: Float32 = False,
@@ -38,9 +41,9 @@ def run(
 
     Writes estimates.parquet, summary.json and report.html into the folder of --out.
 
-    MODEL.py has `model = sp.StateSpaceModel(...)` or `build(u, time)` that returns one, `measurements` (column names, or
-    a dict observation -> column), and where needed `inputs` (dict key of u -> column), `time` (column) and `truth` (dict
-    state -> column). Columns may carry units: `voltage [V]` or `Voltage(V)`. Empty cells were not measured.
+    MODEL.py has `model = sp.StateSpaceModel(...)` or `build(u, time)` that returns one, `measurements` (columns, or a
+    dict observation -> column), and where needed `inputs` (dict key of u -> column), `time` (column) and `truth`
+    (dict state -> column). Columns may carry units: `voltage [V]` or `Voltage(V)`. Empty cells were not measured.
     """
     chosen, folder_out = parse_method(method), folder(out)
     problem = modelfile.load(model, data)
@@ -50,7 +53,7 @@ def run(
     post = problem.labelled(post)
     rows = final_rows(post)
     files = {
-        "estimates.parquet": output.parquet_file(frame_of(post, problem.clock.shown)),
+        "estimates.parquet": output.parquet_file(frame_of(post, problem.clock)),
         "summary.json": output.json_file(summary(post, method, smooth, seconds) | {"final": rows}),
         "report.html": output.page_file(
             post, time=problem.clock.shown, truth=problem.truth, title=f"{model.stem}: {method} on {data.name}"
@@ -70,12 +73,13 @@ def clocked(work: Callable[[], Posterior]) -> tuple[Posterior, float]:
     return post, time.perf_counter() - begin
 
 
-def frame_of(post: Posterior, shown: Any) -> Any:
-    """All beliefs as a data frame with time as its first column."""
+def frame_of(post: Posterior, clock: Clock) -> Any:
+    """All beliefs as a data frame with time as its first column; units are in its `attrs`, and go into the file."""
     from sigmapoint.tables import to_frame
 
-    frame = to_frame(post, shown)
-    return frame if frame.index.name is None else frame.reset_index()
+    frame = to_frame(post, clock.shown).reset_index()
+    frame.attrs["units"] = {"time": clock.unit, **frame.attrs["units"]}
+    return frame
 
 
 def final_rows(post: Posterior) -> list[dict[str, Any]]:
@@ -96,21 +100,21 @@ def overview(post: Posterior, method: str, seconds: float) -> dict[str, Any]:
         "method": method,
         "samples": post.y.shape[0],
         "measured": nis["measured_elements"],
-        "log-likelihood": float(post.log_likelihood),
-        "NIS per element (1 expected)": nis["per_element"],
-        "seconds, compiling included": seconds,
+        "log likelihood": float(post.log_likelihood),
+        "NIS per element (1)": nis["per_element"],
+        "seconds": seconds,
     }
 
 
 def summary(post: Posterior, method: str, smooth: bool, seconds: float) -> dict[str, Any]:
-    """What `summary.json` says about a run."""
+    """What `summary.json` says about a run; states and measurements with their units."""
     return {
         "method": method,
         "smoothed": smooth,
         "T": post.y.shape[0],
         "dtype": str(post.y.dtype),
-        "states": post.labels.states,
-        "measurements": post.labels.observations,
+        "states": dict(zip(post.labels.states, post.labels.state_units)),
+        "measurements": dict(zip(post.labels.observations, post.labels.observation_units)),
         "log_likelihood": float(post.log_likelihood),
         "nis": output.innovations(post),
         "seconds": seconds,

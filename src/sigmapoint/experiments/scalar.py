@@ -63,7 +63,8 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict]:
     with jax.enable_x64(True):
         x, z = series(runs or (QUICK_RUNS if quick else RUNS), seed)
         beliefs = {name: estimated(method, z) for name, (method, _) in METHODS.items()}
-        beliefs["exact"] = tuple(np.asarray(a) for a in scalar.exact_posterior(z[..., 0]))
+        mean, std = scalar.exact_posterior(z[..., 0])
+        beliefs["exact"] = np.asarray(mean), np.asarray(std)
         late = {name: estimated(METHODS[name][0], z, early_prediction=1) for name in ("EKF", SPKF)}
     scores = {name: score(x, *belief) for name, belief in beliefs.items()}
     paired = {name: compared(scores[name], scores["EKF"]) for name in scores if name != "EKF"}
@@ -110,7 +111,9 @@ def compared(scores: Scores, reference: Scores) -> tuple[Mean, Mean]:
 
 def absolute(scores: dict[str, Scores]) -> list[Row]:
     """The scores of every method."""
-    notes = {name: note for name, (_, note) in METHODS.items()} | {"exact": "Bayes' rule on a grid: no method can have a smaller mean square error"}
+    notes = {name: note for name, (_, note) in METHODS.items()} | {
+        "exact": "Bayes' rule on a grid: no method can have a smaller mean square error"
+    }
     quantities: dict[str, Callable[[Scores], np.ndarray]] = {
         "RMSE of the state": lambda s: s.rmse,
         BOUNDS: lambda s: s.within,
@@ -155,9 +158,9 @@ def claims(paired: dict[str, tuple[Mean, Mean]]) -> Sequence[str]:
     rmse, within = paired[SPKF]
     return (
         'The notes conclude from one run: "improved estimation accuracy, greatly improved error bounds".',
-        f"Improved accuracy: {_verdict(-rmse.value, rmse)}. RMSE of the notes' SPKF minus the EKF's, on the same "
+        f"Improved accuracy: {_outcome(-rmse.value, rmse)}. RMSE of the notes' SPKF minus the EKF's, on the same "
         f"{rmse.runs} series: {rmse.value:+.4f} ± {rmse.spread:.4f}.",
-        f"Improved error bounds: {_verdict(within.value, within)}. Share of errors within ±3σ ({NOMINAL} if Gaussian), "
+        f"Improved error bounds: {_outcome(within.value, within)}. Share of errors within ±3σ ({NOMINAL} if Gaussian), "
         f"SPKF minus EKF: {within.value:+.4f} ± {within.spread:.4f}.",
     )
 
@@ -175,11 +178,19 @@ def beyond(scores: dict[str, Scores]) -> Sequence[str]:
     )
 
 
-def _verdict(gain: float, mean: Mean) -> str:
+def _decided(gain: float, mean: Mean, yes: str, no: str) -> str:
     """By three standard errors."""
     if abs(gain) <= 3 * mean.spread:
         return "not decided by these runs"
-    return "better than the EKF" if gain > 0 else "worse than the EKF"
+    return yes if gain > 0 else no
+
+
+def _verdict(gain: float, mean: Mean) -> str:
+    return _decided(gain, mean, "better than the EKF", "worse than the EKF")
+
+
+def _outcome(gain: float, mean: Mean) -> str:
+    return _decided(gain, mean, "reproduced", "contradicted")
 
 
 def _row(quantity: str, method: str, mean: Mean, note: str) -> Row:

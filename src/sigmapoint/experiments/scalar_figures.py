@@ -53,7 +53,9 @@ def all_methods(scores: Mapping[str, tuple[Mean, Mean]], nominal: float) -> Figu
         axis.hlines(rows, 0, values, color="0.85", lw=6)
         axis.errorbar(values, rows, xerr=2 * spreads, fmt="o", color=COLOURS[1], ms=5, capsize=3)
         for row, value, spread in zip(rows, values, spreads):
-            axis.annotate(f"{value:.3f}", (value + 2 * spread, row), xytext=(8, 0), textcoords="offset points", va="center")
+            axis.annotate(
+                f"{value:.3f}", (value + 2 * spread, row), xytext=(8, 0), textcoords="offset points", va="center"
+            )
         axis.set_title(title, fontsize=11)
         axis.set_xlim(0, 1.18 * np.nanmax(values))
         axis.spines[["top", "right"]].set_visible(False)

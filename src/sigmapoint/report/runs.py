@@ -1,0 +1,97 @@
+"""What the page draws of each method: its fields as NumPy arrays, its diagnosis, its colour."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from sigmapoint.consistency import normalised
+from sigmapoint.diagnostics import Diagnosis, diagnose, errors
+from sigmapoint.results import Labels, Posterior
+
+COLORS = ("#2f81f7", "#f08a24", "#1fa97a", "#b068e8", "#e5534b", "#12a5b8", "#c9a227", "#8d99ae")
+"""Readable on light and dark ground."""
+DASHES = ("solid", "dash", "dot", "dashdot")
+"""One for each round of the colours, and never colour alone for neighbours of the same round."""
+
+
+class Run(NamedTuple):
+    """One method; what was not kept, or is not known, is None."""
+
+    name: str
+    color: str
+    fill: str
+    """colour of its band, fainter the more bands there are"""
+    dash: str
+    mean: Float[np.ndarray, "T d"] | None
+    std: Float[np.ndarray, "T n"] | None
+    error: Float[np.ndarray, "T n"] | None
+    innovation: Float[np.ndarray, "T m"] | None
+    spread: Float[np.ndarray, "T m"] | None
+    """standard deviation of the predicted measurement"""
+    nis: Float[np.ndarray, "T"] | None
+    degrees: Int[np.ndarray, "T"] | None
+    diagnosis: Diagnosis | None
+    log_likelihood: float
+
+
+class Runs(NamedTuple):
+    """All methods over the same series."""
+
+    each: list[Run]
+    labels: Labels
+    y: Float[np.ndarray, "T e"]
+    x: np.ndarray
+    """instants (T,)"""
+    axis: str
+    """what those are"""
+    truth: Float[np.ndarray, "T d"] | None
+
+
+def runs_of(result: Posterior | Mapping[str, Posterior], x: np.ndarray, axis: str, truth: Any) -> Runs:
+    """Everything the figures need.
+
+    Raises:
+        ValueError: no result; results of different series; a truth of another shape.
+    """
+    posts = {"": result} if isinstance(result, Posterior) else dict(result)
+    first = next(iter(posts.values()))
+    for name, post in posts.items():
+        if post.y.shape != first.y.shape or post.labels != first.labels:
+            raise ValueError(f"result {name!r} is of another series or model than the first; make one report for each")
+    true = None if truth is None else np.asarray(jax.device_get(truth), float)
+    each = [_run(i, name, post, true, 0.18 / len(posts) ** 0.5) for i, (name, post) in enumerate(posts.items())]
+    return Runs(each, first.labels, _host(first.y), x, axis, true)
+
+
+def _run(i: int, name: str, post: Posterior, truth: np.ndarray | None, opacity: float) -> Run:
+    S, innovation = post.innovation_cov, post.innovation
+    checkable = S is not None and innovation is not None and post.nis is not None
+    judged = truth is not None and post.mean is not None and post.std is not None
+    truth_too = truth if judged and post.cov is not None else None
+    color = COLORS[i % len(COLORS)]
+    return Run(
+        name=name,
+        color=color,
+        fill=f"rgba({', '.join(str(int(color[j : j + 2], 16)) for j in (1, 3, 5))}, {opacity:.2f})",
+        dash=DASHES[i // len(COLORS) % len(DASHES)],
+        mean=_optional(post.mean),
+        std=_optional(post.std),
+        error=errors(post, truth) if judged else None,
+        innovation=_optional(innovation),
+        spread=None if S is None else np.sqrt(np.maximum(np.einsum("tii->ti", _host(S)), 0)),
+        nis=_optional(post.nis),
+        degrees=normalised(_host(innovation), _host(S)).degrees if checkable else None,
+        diagnosis=diagnose(post, truth_too) if checkable else None,
+        log_likelihood=float(post.log_likelihood),
+    )
+
+
+def _optional(value: Any) -> np.ndarray | None:
+    return None if value is None else _host(value)
+
+
+def _host(value: Any) -> np.ndarray:
+    return np.asarray(jax.device_get(value))

@@ -1,0 +1,211 @@
+"""The sections of the report page, each a string of HTML, empty where there is nothing to show."""
+
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from sigmapoint.report.axes import SHOWN
+from sigmapoint.report.figures import error_figure, innovation_figure, measurement_figure, nis_figure, state_figure
+from sigmapoint.report.html import Graphs, badge, card, grid, number, section, table, verdict_list
+from sigmapoint.report.runs import Run, Runs
+from sigmapoint.report.whiteness_figures import autocorrelation_figure, histogram_figure, qq_figure
+
+BAND = "expected {:.2f} to {:.2f}"
+VIEW = "At first the rarest large values may be out of view: double-click twice to see all."
+
+
+def summary(runs: Runs) -> str:
+    """Cards for one method, a table for several."""
+    if len(runs.each) > 1:
+        return section("summary", "Summary", "", table("", [_row(run, runs) for run in runs.each]))
+    run = runs.each[0]
+    cards = [card("Samples", len(runs.x), _measured(runs)), card("Log-likelihood", run.log_likelihood)]
+    if run.diagnosis and run.diagnosis.nis.rows:
+        found = run.diagnosis.nis
+        cards.append(card("Mean NIS per measured element", f"{found.mean:.3g}", BAND.format(*found.band)))
+        cards.append(card("Samples within their 95 % band", f"{100 * found.inside:.1f} %", "of the NIS; expected 95 %"))
+    if run.diagnosis and run.diagnosis.nees and run.diagnosis.nees.rows:
+        found = run.diagnosis.nees
+        cards.append(card("Mean NEES per state", f"{found.mean:.3g}", BAND.format(*found.band)))
+    rms = [(name, value) for name, value in _rms(run, runs).items() if np.isfinite(value)]
+    cards += [
+        card(f"RMS error of {name}", f"{value:.4g}", "" if unit == "1" else unit) for (name, unit), value in rms[:3]
+    ]
+    return section("summary", "Summary", "", f'<div class="cards">{"".join(cards)}</div>')
+
+
+def trust(runs: Runs) -> str:
+    """Verdicts in plain words."""
+    judged = [(run, run.diagnosis.verdicts) for run in runs.each if run.diagnosis]
+    if not judged:
+        text = "Innovations were not kept (innovation, innovation_cov, nis), so nothing here checks the filter."
+        return section("trust", "Can this be trusted?", "", f'<p class="soft">{text}</p>')
+    text = "Bands are 95 % bands for a model that is right. Differences that are too small to matter count as good."
+    if len(judged) == 1:
+        return section("trust", "Can this be trusted?", text, verdict_list(judged[0][1]))
+    parts = [
+        f"<details{' open' if i == 0 else ''}><summary>{escape(run.name)}{badge(said)}</summary>"
+        f"{verdict_list(said)}</details>"
+        for i, (run, said) in enumerate(judged)
+    ]
+    return section("trust", "Can this be trusted?", text, *parts)
+
+
+def states(runs: Runs, graphs: Graphs) -> str:
+    """Every state with its band; the first 12 of many."""
+    names, drawn = runs.labels.states, min(len(runs.labels.states), SHOWN)
+    if all(run.mean is None for run in runs.each):
+        return ""
+    truth = " Dashed: the truth." if runs.truth is not None else ""
+    text = f"Line: the estimate. Band: ±2 standard deviations as the filter states them.{truth} "
+    text += "Drag to zoom, double-click to go back; all time series zoom together. Click a legend entry to hide it."
+    return section(
+        "states",
+        "States",
+        text,
+        _few(drawn, len(names), "states"),
+        _grid([graphs.figure(names[i], state_figure(runs, i)) for i in range(drawn)]),
+    )
+
+
+def accuracy(runs: Runs, graphs: Graphs) -> str:
+    """Errors against the truth, as numbers and against ±2σ."""
+    if all(run.error is None for run in runs.each):
+        return ""
+    rows = [row for run in runs.each for row in _coverage_rows(run, runs)]
+    names = _tangent(runs)
+    known = [i for i, _ in enumerate(names) if any(_known(run, i) for run in runs.each)]
+    figures = [graphs.figure(f"Error of {names[i][0]}", error_figure(runs, i, *names[i])) for i in known[:SHOWN]]
+    text = (
+        "Error: truth minus estimate. A filter that knows its limits stays within ±2σ about 95 % of the time. " + VIEW
+    )
+    listed = table("", rows)
+    return section("accuracy", "Accuracy", text, listed, _few(len(figures), len(known), "states"), _grid(figures))
+
+
+def innovations(runs: Runs, graphs: Graphs) -> str:
+    """Measurements against predictions, and their difference against ±2σ."""
+    labels, e = runs.labels.observations, runs.y.shape[1]
+    drawn = min(len(labels), SHOWN)
+    if all(run.innovation is None for run in runs.each):
+        return ""
+    figures = []
+    for j in range(drawn):
+        if e == len(labels):
+            figures.append(graphs.figure(labels[j], measurement_figure(runs, j), "measured and predicted"))
+        figures.append(graphs.figure(labels[j], innovation_figure(runs, j), "innovation against ±2σ"))
+    text = (
+        "Innovation: measurement minus what the filter expected just before it. It should stay within ±2σ about 95 % "
+    )
+    text += "of the time and show no pattern. " + VIEW
+    few = _few(drawn, len(labels), "measured quantities")
+    return section("measurements", "Measurements and innovations", text, few, grid("two", figures))
+
+
+def nis(runs: Runs, graphs: Graphs) -> str:
+    """Normalised innovations squared."""
+    if all(run.nis is None or run.degrees is None for run in runs.each):
+        return ""
+    text = "Normalised innovation squared (NIS): how large each surprise is, compared with what the filter expected. "
+    text += (
+        "The running mean should stay near the number of measured elements; above is overconfident, below is cautious."
+    )
+    return section("nis", "Consistency", text, grid("", [graphs.figure("NIS", nis_figure(runs), "logarithmic")]))
+
+
+def whiteness(runs: Runs, graphs: Graphs) -> str:
+    """Autocorrelation, histogram and QQ plot of each measured quantity, and what follows an input."""
+    judged = [run for run in runs.each if run.diagnosis and any(e.samples > 3 for e in run.diagnosis.elements)]
+    if not judged:
+        return ""
+    labels = runs.labels.observations
+    drawn = min(len(labels), SHOWN)
+    parts = []
+    for j in range(drawn):
+        three = [
+            graphs.figure("Autocorrelation", autocorrelation_figure(runs, j), labels[j]),
+            graphs.figure("Histogram", histogram_figure(runs, j), labels[j]),
+            graphs.figure("QQ plot", qq_figure(runs, j), labels[j]),
+        ]
+        parts.append(grid("three", three))
+    rows = [row for run in judged for row in _input_rows(run)]
+    if rows:
+        parts.append(table("Correlation of innovations with the inputs", rows))
+    text = "If the model is right, normalised innovations are uncorrelated in time (bars within the dotted lines) and "
+    text += "Gaussian (bars under the curve, points on the line)."
+    few = _few(drawn, len(labels), "measured quantities")
+    return section("whiteness", "Are the innovations white?", text, few, *parts)
+
+
+def _row(run: Run, runs: Runs) -> dict[str, Any]:
+    row: dict[str, Any] = {"method": run.name, "log-likelihood": run.log_likelihood}
+    if run.diagnosis:
+        row["mean NIS"] = run.diagnosis.nis.mean
+        row["NIS inside 95 % band"] = f"{100 * run.diagnosis.nis.inside:.1f} %"
+    if run.diagnosis and run.diagnosis.nees:
+        row["mean NEES"] = run.diagnosis.nees.mean
+    finite = [(name, value) for name, value in _rms(run, runs).items() if np.isfinite(value)]
+    return row | {
+        f"RMS error {name}{f' [{unit}]' if unit not in ('', '1') else ''}": v for (name, unit), v in finite[:4]
+    }
+
+
+def _rms(run: Run, runs: Runs) -> dict[tuple[str, str], float]:
+    if run.error is None:
+        return {}
+    known = np.isfinite(run.error)
+    squares = np.where(known, run.error, 0.0) ** 2
+    mean = squares.sum(0) / np.where(known.any(0), known.sum(0), np.nan)
+    return dict(zip(_tangent(runs), np.sqrt(mean).tolist()))
+
+
+def _coverage_rows(run: Run, runs: Runs) -> list[dict[str, Any]]:
+    rows, rms = [], _rms(run, runs)
+    for i, name in enumerate(_tangent(runs)):
+        if not _known(run, i) or run.error is None or run.std is None:
+            continue
+        known = np.isfinite(run.error[:, i]) & np.isfinite(run.std[:, i])
+        error, std = np.abs(run.error[known, i]), run.std[known, i]
+        row: dict[str, Any] = {"method": run.name} if run.name else {}
+        row |= {"state": name[0], "unit": name[1], "RMS error": rms[name], "largest": float(error.max())}
+        row |= {"mean of own σ": float(std.mean())}
+        shares = {
+            f"within ±{k}σ ({p} %)": np.mean(error <= k * std) for k, p in ((1, "68.3"), (2, "95.4"), (3, "99.7"))
+        }
+        rows.append(row | {label: f"{100 * share:.1f} %" for label, share in shares.items()})
+    return rows
+
+
+def _input_rows(run: Run) -> list[dict[str, Any]]:
+    found = run.diagnosis.elements if run.diagnosis else ()
+    return [
+        ({"method": run.name} if run.name else {})
+        | {"measured": e.name, "input": i.column, "correlation": f"{i.correlation:+.3f}", "95 % band": f"±{i.band:.3f}"}
+        for e in found
+        for i in e.inputs
+    ]
+
+
+def _known(run: Run, i: int) -> bool:
+    return run.error is not None and run.std is not None and bool(np.isfinite(run.error[:, i]).any())
+
+
+def _tangent(runs: Runs) -> list[tuple[str, str]]:
+    """Names and units of the elements of an error: those of the states, or `d0, d1, …` on a manifold."""
+    size = next((run.error.shape[1] for run in runs.each if run.error is not None), 0)
+    named = list(zip(runs.labels.states, runs.labels.state_units))
+    return named if size == len(named) else [(f"d{i}", "") for i in range(size)]
+
+
+def _measured(runs: Runs) -> str:
+    missing = int(np.isnan(runs.y).sum())
+    return f"{number(missing)} of {number(int(runs.y.size))} values missing" if missing else "every value measured"
+
+
+def _few(drawn: int, total: int, what: str) -> str:
+    return f'<p class="soft">The first {drawn} of {total} {what} are drawn.</p>' if drawn < total else ""
+
+
+def _grid(figures: list[str]) -> str:
+    return grid("two" if len(figures) > 2 else "", figures)

@@ -1,0 +1,80 @@
+"""Figures of the tests of innovations: autocorrelation, histogram, QQ plot. Each returns a `plotly` figure."""
+
+import numpy as np
+import plotly.graph_objects as go
+
+from sigmapoint.report.figures import MEASURED
+from sigmapoint.report.runs import Run, Runs
+from sigmapoint.whiteness import Element, quantiles
+
+EDGE = 5.0
+"""Histograms span ± this; what is outside counts in the last bin."""
+
+
+def autocorrelation_figure(runs: Runs, j: int) -> go.Figure:
+    """Autocorrelation of the normalised innovation `j` with the band of white noise."""
+    figure = _plain("lag [samples]", "autocorrelation")
+    elements = _elements(runs, j)
+    for run, element in elements:
+        lags = np.arange(1, element.autocorrelation.size + 1)
+        figure.add_trace(go.Bar(x=lags, y=element.autocorrelation, name=run.name, marker={"color": run.color}))
+    if elements:
+        band, most = elements[0][1].band, max(e.autocorrelation.size for _, e in elements)
+        for edge in (band, -band):
+            figure.add_trace(_reference(np.array([0.5, most + 0.5]), np.array([edge, edge]), "95 % of white noise"))
+        top = max([2.5 * band, 0.1] + [1.1 * float(np.abs(e.autocorrelation).max(initial=0)) for _, e in elements])
+        figure.update_yaxes(range=[-min(top, 1.05), min(top, 1.05)])
+    return figure.update_layout(showlegend=len(elements) > 1)
+
+
+def histogram_figure(runs: Runs, j: int) -> go.Figure:
+    """Density of the normalised innovation `j` and of a standard normal."""
+    figure = _plain("normalised innovation [σ]", "density")
+    elements = _elements(runs, j)
+    for run, element in elements:
+        known = element.white[np.isfinite(element.white)]
+        bins = int(np.clip(2 * known.size ** (1 / 3), 8, 50))
+        density, edges = np.histogram(np.clip(known, -EDGE, EDGE), bins, (-EDGE, EDGE), density=True)
+        middle = (edges[1:] + edges[:-1]) / 2
+        if len(elements) == 1:
+            figure.add_trace(
+                go.Bar(x=middle, y=density, name="innovations", marker={"color": run.color}, width=10 / bins)
+            )
+        else:
+            line = {"color": run.color, "dash": run.dash, "shape": "hvh"}
+            figure.add_trace(go.Scatter(x=middle, y=density, name=run.name, mode="lines", line=line))
+    x = np.linspace(-EDGE, EDGE, 121)
+    figure.add_trace(_reference(x, np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi), "standard normal", dash="solid"))
+    return figure.update_layout(showlegend=len(elements) > 1, bargap=0)
+
+
+def qq_figure(runs: Runs, j: int) -> go.Figure:
+    """Quantiles of the normalised innovation `j` against those of a standard normal: on the line if Gaussian."""
+    figure = _plain("quantile of a standard normal", "quantile of the innovations [σ]")
+    elements = _elements(runs, j)
+    for run, element in elements:
+        at, values = quantiles(element.white)
+        figure.add_trace(
+            go.Scatter(x=at, y=values, name=run.name, mode="markers", marker={"color": run.color, "size": 4})
+        )
+    figure.add_trace(_reference(np.array([-4.0, 4.0]), np.array([-4.0, 4.0]), "standard normal"))
+    return figure.update_layout(showlegend=len(elements) > 1)
+
+
+def _elements(runs: Runs, j: int) -> list[tuple[Run, Element]]:
+    return [
+        (run, run.diagnosis.elements[j]) for run in runs.each if run.diagnosis and run.diagnosis.elements[j].samples
+    ]
+
+
+def _reference(x: np.ndarray, y: np.ndarray, name: str, dash: str = "dot") -> go.Scatter:
+    line = {"color": MEASURED, "width": 1.6, "dash": dash}
+    return go.Scatter(x=x, y=y, name=name, mode="lines", line=line, showlegend=False, hoverinfo="skip")
+
+
+def _plain(x_title: str, y_title: str) -> go.Figure:
+    figure = go.Figure(layout={"template": "none"})
+    figure.update_layout(meta={"series": False})
+    figure.update_xaxes(title_text=x_title)
+    figure.update_yaxes(title_text=y_title)
+    return figure

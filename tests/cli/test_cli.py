@@ -1,0 +1,317 @@
+"""The command line in-process: what it writes, and one clear message without a traceback for what is wrong."""
+
+import json
+import re
+import shutil
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import jax
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import sigmapoint as sp
+from sigmapoint.cli import app, modelfile, output
+from sigmapoint.cli.expressions import parse_method, parse_methods
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+MODEL = """
+import jax.numpy as jnp
+import sigmapoint as sp
+
+measurements = ["level"]
+inputs = {"pump": "pump"}
+model = sp.StateSpaceModel(
+    lambda x, u: 0.9 * x + u["pump"], lambda x, u: x, 0.1 * jnp.eye(1), jnp.eye(1),
+    sp.Gaussian(jnp.zeros(1), jnp.eye(1)), state_names=("tank",),
+)
+"""
+FEW = "level [m],pump\n1.0,0.1\n,0.1\n1.2,0.2\n"
+FILES = {"estimates.parquet", "summary.json", "report.html"}
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Writes MODEL.py and a data file; returns their paths."""
+
+    def write(data=FEW, model=MODEL, name="data.csv"):
+        (tmp_path / "tank.py").write_text(model)
+        (tmp_path / name).write_text(data)
+        return str(tmp_path / "tank.py"), str(tmp_path / name)
+
+    return write
+
+
+def invoke(*args, code=0):
+    result = CliRunner().invoke(app, [str(a) for a in args])
+    assert result.exit_code == code, result.output + repr(result.exception)
+    return result
+
+
+def message(*args, code=2):
+    """The one message of a command that fails; no traceback."""
+    text = invoke(*args, code=code).stderr
+    assert "Traceback" not in text
+    return " ".join(text.split())
+
+
+@pytest.mark.parametrize("command", [(), ("demo",), ("run",), ("compare",), ("reproduce",)])
+def test_help_and_version(command):
+    assert "Usage" in invoke(*command, "--help").stdout
+    assert invoke("--version").stdout == f"sigmapoint {sp.__version__}\n"
+
+
+def test_run_on_the_example_writes_three_files_with_names_and_units(tmp_path):
+    out = tmp_path / "new" / "folder"
+    shown = invoke(
+        "run", EXAMPLES / "pendulum.py", EXAMPLES / "pendulum.csv", "--method", "srukf", "--smooth", "--out", out
+    ).stdout
+    assert "angle" in shown
+    assert {p.name for p in out.iterdir()} == FILES
+    summary = json.loads((out / "summary.json").read_text(), parse_constant=pytest.fail)
+    assert summary["T"] == 300
+    assert summary["dtype"] == "float64"
+    assert summary["states"] == {"angle": "rad", "speed": "rad/s"}
+    assert summary["measurements"] == {"position": "m", "gyro": "rad/s"}
+    assert abs(summary["nis"]["per_element"] - 1) < 4 * np.sqrt(2 / summary["nis"]["measured_elements"])
+    frame = pd.read_parquet(out / "estimates.parquet")
+    assert frame.attrs["units"]["time"] == "s"
+    truth = pd.read_csv(EXAMPLES / "pendulum.csv")["true angle [rad]"]
+    late = slice(50, None)
+    assert np.sqrt(np.mean((frame["angle"] - truth)[late] ** 2)) < 0.05
+    assert summary["final"][0]["estimate"] == frame["angle"].iloc[-1]
+
+
+def test_command_line_agrees_with_the_library(files, tmp_path):
+    model, data = files()
+    invoke("run", model, data, "--method", "iterated(srukf(), 2)", "--out", tmp_path / "out")
+    frame = pd.read_parquet(tmp_path / "out" / "estimates.parquet")
+    names = {}
+    exec(MODEL, names)
+    u = {"pump": jax.numpy.array([0.1, 0.1, 0.2])}
+    post = sp.filter(names["model"], [[1.0], [np.nan], [1.2]], u, sp.iterated(sp.srukf(), 2))
+    assert np.array_equal(frame["tank"], post.mean[:, 0])
+    assert frame.attrs["units"]["level measured"] == "m"
+    assert list(frame["time"]) == [0, 1, 2]
+
+
+def test_build_sees_inputs_and_time_and_parquet_with_dates_in_float32(tmp_path):
+    (tmp_path / "tank.py").write_text(
+        MODEL.replace("model = ", "def build(u, time):\n  assert time.tolist() == [0, 60, 120]\n  return ").replace(
+            "0.1 * jnp.eye(1)", "jnp.asarray(u['pump'])[:, None, None]"
+        )
+        + "time = 'stamp'\ntruth = {'tank': 'TRUE'}\nmeasurements = {'sensor': 'Level(m)'}\n"
+    )
+    stamps = pd.date_range("2024-01-01", periods=3, freq="min")
+    table = {"stamp": stamps, "LEVEL (m)": [1.0, np.nan, 1.2], "pump": [0.1, 0.1, 0.2], "true (m)": [1.0, 1.0, 1.1]}
+    pd.DataFrame(table).to_parquet(tmp_path / "data.parquet")
+    invoke("run", tmp_path / "tank.py", tmp_path / "data.parquet", "--float32", "--out", tmp_path / "out")
+    frame = pd.read_parquet(tmp_path / "out" / "estimates.parquet")
+    assert frame["tank"].dtype == np.float32
+    assert list(frame["time"]) == list(stamps)
+    assert frame.attrs["units"]["tank"] == "m"
+    assert "sensor innovation" in frame
+    assert jax.config.read("jax_enable_x64")
+
+
+def test_one_row_that_was_not_measured(files, tmp_path):
+    invoke("run", *files("level,pump\n,0.1\n"), "--out", tmp_path / "out")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["T"] == 1
+    assert summary["nis"]["per_element"] is None
+
+
+def test_compare_shows_a_method_that_refuses_beside_the_others(files, tmp_path):
+    shown = invoke("compare", *files(), "--methods", "ekf, ghkf(6000)", "--out", tmp_path / "out").stdout
+    assert "6000**1 points" in shown
+    rows = json.loads((tmp_path / "out" / "summary.json").read_text())["rows"]
+    assert [row["method"] for row in rows] == ["ekf", "ghkf(6000)"]
+    assert set(pd.read_parquet(tmp_path / "out" / "estimates.parquet")["method"]) == {"ekf"}
+    assert "no method could run" in message("compare", *files(), "--methods", "ghkf(6000)", "--out", tmp_path / "out")
+
+
+def test_demo_with_two_methods(tmp_path):
+    shown = invoke("demo", "--methods", "ekf,srcdkf", "--out", tmp_path / "demo").stdout
+    assert "srcdkf" in shown
+    assert "looked at" in " ".join(shown.split())
+    assert {p.name for p in (tmp_path / "demo").iterdir()} == FILES
+    methods = json.loads((tmp_path / "demo" / "summary.json").read_text(), parse_constant=pytest.fail)["methods"]
+    assert all(m["soc_rms"] < 2 and 90 < m["coverage"] < 99.5 for m in methods.values())
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        ("", "is empty"),
+        ("level,pump\n", "has a header ('level', 'pump') but no rows"),
+        ("height,pump\n1,2\n", "no column 'level' in the data, which has 'height', 'pump'"),
+        ("level;pump\n1;2\n", "another separator"),
+        ("level [m],level [mm],pump\n1,1000,2\n", "ambiguous, it matches 'level [m]', 'level [mm]'"),
+        ("level,level,pump\n1,1,2\n", "ambiguous, it matches 'level', 'level'"),
+        ("level [m],pump\n1,2\nlow,2\n", "column 'level [m]' must be numbers, but holds 'low' in data row 2"),
+        ("level,pump\n1,2\n1,\n", "inputs 'pump': column 'pump' is empty in data row 2"),
+        ("level,pump\n1,2\ninf,2\n", "column 'level' is infinite in data row 2"),
+        ("level,pump\n1,2\n1,2,3\n", "cannot be read as CSV"),
+        ("level,pump\n1,2,3\n1,2,3\n", "cannot be read as CSV"),
+    ],
+)
+def test_bad_data_gets_one_message_that_says_where(files, tmp_path, data, said):
+    assert said in message("run", *files(data), "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("model", "said"),
+    [
+        (MODEL + "1 / 0\n", "tank.py, line 11: ZeroDivisionError: division by zero"),
+        ("def f(:\n", "tank.py, line 1: invalid syntax"),
+        (MODEL.replace("model =", "tank ="), "must define either `model` or `build(u, time)`; it has neither"),
+        (MODEL + "model = 3\n", "`model` must be a sp.StateSpaceModel, got int"),
+        (MODEL + "measurements = 3\n", "`measurements` must be a dict of names to columns, or a list"),
+        (MODEL + "measurements = []\n", "must define `measurements`"),
+        (MODEL + "import time\n", "`time` must be the name of a column, got module"),
+        (MODEL + "time = 'pump'\n", "column 'pump' goes back in data row 3"),
+        (MODEL + "truth = {'tonk': 'pump'}\n", "'tonk', no state of the model; its state_names are tank"),
+        (MODEL.replace('u["pump"]', 'u["pomp"]'), "tank.py, line 8: KeyError: 'pomp'"),
+        (MODEL.replace("jnp.eye(1),", "-jnp.eye(1),", 1), "has a negative variance"),
+        (MODEL + "measurements = ['level', 'pump']\n", "observation_noise must be (2, 2)"),
+    ],
+)
+def test_bad_model_gets_one_message_that_says_where(files, tmp_path, model, said):
+    assert said in message("run", *files(FEW.replace("0.2", "0.0"), model), "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_files_that_are_not_there_or_of_another_kind(files, tmp_path):
+    model, data = files()
+    assert "no such file" in message("run", model, tmp_path / "none.csv")
+    assert "none.py: no such file" in message("run", tmp_path / "none.py", data)
+    (tmp_path / "data.xlsx").write_bytes(b"")
+    assert "data must be .csv" in message("run", model, tmp_path / "data.xlsx")
+    (tmp_path / "bad.parquet").write_bytes(b"no parquet")
+    assert "is not a Parquet file" in message("run", model, tmp_path / "bad.parquet")
+    (tmp_path / "bad.csv.gz").write_bytes(b"no gzip")
+    assert "cannot be read as CSV" in message("run", model, tmp_path / "bad.csv.gz")
+    (tmp_path / "latin.csv").write_bytes("level,pump,°C\n1,2,3\n".encode("latin-1"))
+    assert "is not UTF-8" in message("run", model, tmp_path / "latin.csv")
+
+
+@pytest.mark.parametrize("command", ["run", "compare"])
+def test_out_that_cannot_be_a_folder_is_found_before_anything_is_computed(files, tmp_path, command):
+    (tmp_path / "taken").write_text("mine")
+    for out in (tmp_path / "taken", tmp_path / "taken" / "below"):
+        assert "is a file; name a folder" in message(command, *files(), "--out", out)
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
+@pytest.mark.parametrize(("error", "code"), [(OSError(28, "No space left on device"), 2), (KeyboardInterrupt(), 130)])
+def test_a_failure_while_writing_leaves_older_results_and_nothing_half_written(
+    files, tmp_path, monkeypatch, error, code
+):
+    out, args = tmp_path / "out", files()
+    out.mkdir()
+    (out / "summary.json").write_text("older")
+
+    def fails(result, **options):
+        def write(file):
+            file.write(b"half")
+            raise error
+
+        return write
+
+    monkeypatch.setattr(output, "page_file", fails)
+    text = message("run", *args, "--method", "ekf", "--out", out, code=code)
+    assert ("No space left" if code == 2 else "interrupted") in text
+    assert [(p.name, p.read_text()) for p in out.iterdir()] == [("summary.json", "older")]
+    message("run", *args, "--method", "ekf", "--out", tmp_path / "a" / "b", code=code)
+    assert not (tmp_path / "a").exists()
+
+
+def test_an_unexpected_error_is_one_line_and_debug_shows_it_all(files, monkeypatch):
+    def fails(*args):
+        raise RuntimeError("out of luck")
+
+    monkeypatch.setattr(modelfile, "load", fails)
+    assert "RuntimeError: out of luck (run again with --debug" in message("run", *files(), code=1)
+    result = CliRunner().invoke(app, ["run", *files(), "--debug"])
+    assert isinstance(result.exception, RuntimeError)
+
+
+def test_methods_are_parsed_as_written():
+    assert parse_method("srukf") == sp.srukf()
+    assert parse_method(" ukf(alpha=1e-3, kappa=-0.5) ") == sp.ukf(alpha=1e-3, kappa=-0.5)
+    assert parse_method("iterated(srukf(),3)") == sp.iterated(sp.srukf(), 3)
+    assert parse_method("augmented(ukf)") == sp.augmented(sp.ukf())
+    assert list(parse_methods("ekf, iterated(ukf(1.0, 2.0), 2)")) == ["ekf", "iterated(ukf(1.0, 2.0), 2)"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("srufk", "Did you mean srukf? Methods: ekf, "),
+        ("__import__('os').system('true')", "only method names"),
+        ("__import__", "unknown method '__import__'"),
+        ("sp.srukf()", "only method names"),
+        ("ukf(alpha=open('x'))", "is not a number"),
+        ("ukf(alpha=True)", "is not a number"),
+        ("ukf(**{})", "** is not allowed"),
+        ("ukf(*[1])", "is not a number"),
+        ("ukf(alfa=1)", "its arguments are (alpha=1, beta=2, kappa=0)"),
+        ("iterated()", "its arguments are (method, iterations=3)"),
+        ("iterated(3)", "only method names"),
+        ("iterated(iterations=3, method=4)", "the first argument must be a method"),
+        ("augmented(iterated(srukf(), 3))", "method augmented: an iterated method"),
+        ("ghkf(order=1)", "order must be"),
+        ("ghkf(1.5)", "order must be a whole number, got 1.5"),
+        ("srukf(", "is not an expression"),
+        ("(" * 5000, "is not an expression"),
+        ("ekf\x00", "is not an expression"),
+        ("", "is not an expression"),
+    ],
+)
+def test_a_method_that_is_not_one_is_refused_and_never_evaluated(text, said):
+    with pytest.raises(ValueError, match=re.escape(said)) as error:
+        parse_method(text)
+    assert len(str(error.value)) < 400
+
+
+def test_lists_of_methods_with_gaps_or_twice_are_refused(files):
+    assert "has an empty entry" in message("compare", *files(), "--methods", "ekf,,ukf")
+    assert "names a method twice" in message("compare", *files(), "--methods", "ekf,ekf")
+    assert "Did you mean" in message("demo", "--methods", "srufk")
+
+
+@pytest.fixture
+def experiments(monkeypatch):
+    """An experiment that writes a file and returns one row."""
+
+    def run(runs, seed, out, quick):
+        out.mkdir(parents=True)
+        (out / "results.json").write_text("[]")
+        assert quick == (runs == 7)
+        return [{"experiment": "toy", "quantity": "error", "method": "UKF", "measured": 0.5, "runs": runs or 100}]
+
+    module = ModuleType("sigmapoint.experiments")
+    module.EXPERIMENTS = {
+        name: SimpleNamespace(name=name, description=f"about {name}", run=run) for name in ("toy", "game")
+    }
+    monkeypatch.setitem(sys.modules, "sigmapoint.experiments", module)
+
+
+def test_reproduce_lists_runs_and_says_where_files_are(experiments, tmp_path):
+    assert "about toy" in invoke("reproduce", "--list").stdout
+    shown = invoke("reproduce", "toy", "--quick", "--runs", 7, "--out", tmp_path).stdout
+    assert all(text in shown for text in ("error", "0.5", "7"))
+    assert "toy/results.json" in shown.replace("\n", "")
+    shutil.rmtree(tmp_path / "toy")
+    invoke("reproduce", "--all", "--out", tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {"toy", "game"}
+
+
+def test_reproduce_names_the_experiments_where_none_or_another_is_given(experiments):
+    assert "experiments: toy, game" in message("reproduce")
+    assert "Did you mean toy?" in message("reproduce", "tog")
+    assert message("reproduce", "toy", "--runs", 0)

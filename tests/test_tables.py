@@ -1,0 +1,108 @@
+"""Tables carry every field under its name, with units, and refuse what does not fit."""
+
+from datetime import UTC, datetime, timedelta, timezone
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+
+import sigmapoint as sp
+from sigmapoint.tables import instants, to_frame, to_xarray
+
+T = 6
+
+
+@pytest.fixture(scope="module")
+def post():
+    model = sp.StateSpaceModel(
+        lambda x, u: 0.9 * x,
+        lambda x, u: x[:1],
+        jnp.eye(2),
+        jnp.eye(1),
+        sp.Gaussian(jnp.zeros(2), jnp.eye(2)),
+        state_names=("soc", "volt"),
+        state_units=("1", "V"),
+        observation_names=("volt",),
+        observation_units=("V",),
+    )
+    y = jnp.arange(float(T))[:, None].at[2, 0].set(jnp.nan)
+    return sp.filter(model, y, {"current": jnp.ones(T)})
+
+
+def test_dataset_has_every_field_under_its_name(post):
+    data = to_xarray(post, np.arange(T) * 0.5)
+    assert dict(data["cov"].sizes) == {"time": T, "state": 2, "state2": 2}
+    assert dict(data["innovation"].sizes) == {"time": T, "observation": 1}
+    np.testing.assert_array_equal(data["mean"].sel(state="volt"), post.mean[:, 1])
+    np.testing.assert_array_equal(data["u"].sel(input="current"), np.ones(T))
+    assert data["mean"].attrs["units"] == ["1", "V"]
+    assert list(data["observation_unit"].values) == ["V"]
+    assert data["time"].values[-1] == 2.5
+    assert data.attrs["log_likelihood"] == float(post.log_likelihood)
+    assert list(post.to_xarray().data_vars) == list(data.data_vars)
+
+
+def test_frame_has_plain_columns_with_units(post):
+    frame = to_frame(post)
+    assert list(frame.columns) == [
+        *("soc", "volt", "soc std", "volt std"),
+        *("volt measured", "volt innovation", "volt innovation std", "nis"),
+    ]
+    assert frame.attrs["units"] == dict(zip(frame.columns, ["1", "V", "1", "V", "V", "V", "V", "1"]))
+    np.testing.assert_array_equal(frame["volt std"], post.std[:, 1])
+    assert np.isnan(frame["volt innovation"][2])
+
+
+def test_units_survive_a_parquet_file(post, tmp_path):
+    frame = to_frame(post, pd.date_range("2024-01-01", periods=T, freq="s"))
+    frame.to_parquet(tmp_path / "estimates.parquet")
+    again = pd.read_parquet(tmp_path / "estimates.parquet")
+    assert again.attrs == frame.attrs
+    pd.testing.assert_frame_equal(again, frame, check_freq=False)
+
+
+def test_what_was_not_kept_is_left_out(post):
+    few = jax.tree.map(lambda a: a, post)
+    few = type(post)(**{f: getattr(few, f) for f in post.__dataclass_fields__} | {"cov": None, "nis": None})
+    assert "cov" not in to_xarray(few)
+    assert "nis" not in to_frame(few)
+
+
+def test_fewer_degrees_of_freedom_than_elements_get_names_of_their_own():
+    sphere = sp.Manifold(lambda a, b: (a - b)[:1], lambda m, d: m + jnp.concatenate([d, jnp.zeros(1)]))
+    model = sp.StateSpaceModel(
+        lambda x, u: x,
+        lambda x, u: x[:1],
+        jnp.eye(1),
+        jnp.eye(1),
+        sp.Gaussian(jnp.ones(2), jnp.eye(1)),
+        state_space=sphere,
+    )
+    post = sp.filter(model, jnp.ones((3, 1)))
+    assert list(to_frame(post).columns)[:3] == ["x0", "x1", "d0 std"]
+    assert dict(to_xarray(post)["cov"].sizes) == {"time": 3, "tangent": 1, "tangent2": 1}
+
+
+def test_wrong_time_and_batches_are_refused(post):
+    with pytest.raises(ValueError, match="one value for each of the 6 rows"):
+        to_xarray(post, np.arange(5))
+    with pytest.raises(ValueError, match="1 missing value"):
+        to_frame(post, [0.0, 1.0, np.nan, 3.0, 4.0, 5.0])
+    with pytest.raises(ValueError, match="numbers or dates"):
+        to_frame(post, list("abcdef"))
+    batch = jax.tree.map(lambda a: a[None], post)
+    for table in (to_xarray, to_frame):
+        with pytest.raises(ValueError, match="batch of shape"):
+            table(batch)
+
+
+def test_dates_of_every_kind_are_understood():
+    plain = np.array(["2024-01-01T00:00:00", "2024-01-01T00:00:01"], "datetime64[us]")
+    dates = [datetime(2024, 1, 1, tzinfo=UTC) + timedelta(seconds=k) for k in range(2)]
+    east = [d.astimezone(timezone(timedelta(hours=5))) for d in dates]
+    zoned = pd.Series(pd.date_range("2024-01-01", periods=2, freq="s", tz="Europe/Berlin")).dt.tz_convert("UTC")
+    for given in (plain, dates, east, [d.isoformat() for d in dates]):
+        np.testing.assert_array_equal(instants(given, 2), plain)
+    assert (np.diff(instants(zoned, 2)) == np.timedelta64(1, "s")).all()
