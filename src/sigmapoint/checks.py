@@ -90,13 +90,14 @@ def initial(belief: Any, space: Any) -> None:
         raise ValueError(f"initial.cov must be ({tangent}, {tangent}) for a mean of shape {mean.shape}, got {cov.shape}")
 
 
-def names(name: str, given: Any, size: int, prefix: str | None) -> tuple[str, ...]:
-    """One string an element; `prefix0, prefix1, …` (or empty ones) where not given."""
+def names(name: str, given: Any, size: int | None = None, distinct: bool = True) -> tuple[str, ...] | None:
+    """One string an element (where their number is known already), or nothing."""
     if given is None:
-        return tuple("" if prefix is None else f"{prefix}{i}" for i in range(size))
-    if isinstance(given, str) or len(given) != size or not all(isinstance(s, str) for s in given):
-        raise ValueError(f"{name} must be {size} string(s), one an element, got {given!r}")
-    if prefix is not None and len(set(given)) != size:
+        return None
+    many = f"{size} string(s), one an element" if size is not None else "strings, one an element"
+    if isinstance(given, str) or not all(isinstance(s, str) for s in given) or size not in (None, len(given)):
+        raise ValueError(f"{name} must be {many}, got {given!r}")
+    if distinct and len(set(given)) != len(given):
         raise ValueError(f"{name} must differ from each other, got {given!r}")
     return tuple(given)
 

@@ -18,9 +18,8 @@ from jaxtyping import Float
 from sigmapoint import verdicts
 from sigmapoint.consistency import Consistency, Coverage, consistency, coverage, normalised
 from sigmapoint.results import Posterior
-from sigmapoint.spaces import Euclidean, Space
 from sigmapoint.verdicts import Verdict
-from sigmapoint.whiteness import Element, columns, tested
+from sigmapoint.whiteness import Element, columns, examined
 
 
 class Diagnosis(NamedTuple):
@@ -35,12 +34,12 @@ class Diagnosis(NamedTuple):
     verdicts: tuple[Verdict, ...]
 
 
-def errors(post: Posterior, truth: Any, space: Space | None = None) -> Float[np.ndarray, "T n"]:
-    """Truth minus estimate, in `space` (the `state_space` of the model)."""
+def errors(post: Posterior, truth: Any) -> Float[np.ndarray, "T n"]:
+    """Truth minus estimate, in the model's `state_space`."""
     mean, truth = field(post, "mean"), np.asarray(jax.device_get(truth), float)
     if truth.shape != mean.shape:
         raise ValueError(f"truth must have the shape of the estimates, {mean.shape}, got {truth.shape}")
-    difference = jax.vmap((space or Euclidean()).residual)
+    difference = jax.vmap(post.labels.state_space.residual)
     return np.asarray(difference(jnp.asarray(truth, mean.dtype), jnp.asarray(mean)))
 
 
@@ -60,13 +59,12 @@ def tangent_names(post: Posterior) -> tuple[str, ...]:
     return names if len(names) == n else tuple(f"d{i}" for i in range(n))
 
 
-def diagnose(post: Posterior, truth: Any = None, *, space: Space | None = None) -> Diagnosis:
+def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
     """Say in numbers and in words whether a result can be trusted.
 
     Args:
         post: result of `filter` or `smooth` for one series, with `innovation`, `innovation_cov` and `nis` kept.
         truth: true states (T, n) where they are known; then `mean`, `cov` and `std` must have been kept.
-        space: where the states live, as in the model, so that errors of angles are taken the short way round.
 
     Returns:
         NIS, tests of the innovations of each measured quantity, NEES and coverage, and `verdicts`: sentences with a
@@ -89,16 +87,16 @@ def diagnose(post: Posterior, truth: Any = None, *, space: Space | None = None) 
     normal = normalised(innovation, field(post, "innovation_cov"))
     inputs = columns(post.u, len(nis))
     names = post.labels.observations
-    elements = tuple(tested(name, z, inputs) for name, z in zip(names, normal.white.T))
+    elements = tuple(examined(name, z, inputs) for name, z in zip(names, normal.white.T))
     measured = np.isfinite(np.asarray(post.y)).any(1)
     lost = int((measured & ~(np.isfinite(innovation).any(1) & np.isfinite(nis))).sum())
-    nees, covered = (None, ()) if truth is None else _against(post, truth, space)
+    nees, covered = (None, ()) if truth is None else _against(post, truth)
     whole = consistency(nis, normal.degrees)
     return Diagnosis(whole, elements, nees, covered, lost, verdicts.of(whole, elements, nees, covered, lost))
 
 
-def _against(post: Posterior, truth: Any, space: Space | None) -> tuple[Consistency, tuple[Coverage, ...]]:
-    error, std = errors(post, truth, space), field(post, "std")
+def _against(post: Posterior, truth: Any) -> tuple[Consistency, tuple[Coverage, ...]]:
+    error, std = errors(post, truth), field(post, "std")
     normal = normalised(error, field(post, "cov"))
     rows = zip(tangent_names(post), error.T, std.T)
     return consistency(normal.squared, normal.degrees), tuple(coverage(*row) for row in rows)

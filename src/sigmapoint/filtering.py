@@ -100,7 +100,7 @@ class Filter(NamedTuple):
         """The belief after a measurement; elements that are NaN were not measured."""
         belief, fs = state.belief, self.functions(state.step, y.shape)
         active = _measured(y, jax.eval_shape(fs.observation_space.residual, y, y).shape[0])
-        self.model.observation_noise.fits("observation_noise", active.shape[0], "measurement")
+        self.model.observation_noise.fits("observation_noise", active.shape[0], "row of y")
         joint = self.method.carry.measurement(self.method.rule, belief, state.points, fs, u)
         y_known = jnp.where(jnp.isnan(y), joint.value.mean, y)
         innovation = jnp.where(active, fs.observation_space.residual(y_known, joint.value.mean), 0.0)

@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from sigmapoint.linalg import cholesky, norm_rows, solve_lower, solve_upper, tria
+from sigmapoint.linalg import cholesky, norm_rows, safe_sqrt, solve_lower, solve_upper, tria
 from sigmapoint.rules.linearization import Linearization
 
 
@@ -64,8 +64,7 @@ class Dense(NamedTuple):
 
     @property
     def std(self) -> Float[Array, " n"]:
-        variance = jnp.diagonal(self.cov)
-        return jnp.where(variance > 0, jnp.sqrt(jnp.where(variance > 0, variance, 1.0)), 0.0)
+        return safe_sqrt(jnp.diagonal(self.cov))
 
     @classmethod
     def of(cls, mean: Float[Array, " d"], cov: Float[Array, "n n"]) -> "Dense":
@@ -170,7 +169,7 @@ def _informative(
     variance = jnp.sum(y.slope**2, axis=1) + jnp.sum(y.residual**2, axis=1)
     if noise is not None:
         variance = variance + jnp.diagonal(noise.cov)
-    active = active & (variance > 0)
+    active = active & (variance != 0)
     keep = active[:, None].astype(y.slope.dtype)
     y = Linearization(y.mean, y.slope * keep, y.residual * keep)
     return y, (None if noise is None else noise.masked(active)), active

@@ -25,10 +25,9 @@ def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     columns, rest = [], P
     for j in range(n):
         pivot = rest[j, j]
-        positive = pivot > floor[j]
-        root = jnp.sqrt(jnp.where(positive, pivot, 1.0))
-        below = jnp.arange(n) >= j
-        column = jnp.where(below & positive, rest[:, j] / root, 0.0)
+        singular = pivot <= floor[j]  # false for NaN, which goes on as NaN: an unknown variance is not a known zero
+        root = jnp.sqrt(jnp.where(singular, 1.0, pivot))
+        column = jnp.where((jnp.arange(n) < j) | singular, 0.0, rest[:, j] / root)
         columns.append(column)
         rest = rest - jnp.outer(column, column)
     return jnp.stack(columns, axis=1)
@@ -51,10 +50,15 @@ def _solve(S: Array, b: Array, transposed: int) -> Array:
     return jax.scipy.linalg.solve_triangular(S, b, lower=True, trans=transposed)
 
 
+def safe_sqrt(x: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Square root with a derivative of zero (not infinity) at zero."""
+    return jnp.where(x == 0, 0.0, jnp.sqrt(jnp.where(x == 0, 1.0, x)))
+
+
 def norm_rows(A: Float[Array, "n k"]) -> Float[Array, " n"]:
     """Euclidean norm of each row, with a derivative of zero (not NaN) at a zero row."""
     squares = jnp.sum(A * A, axis=1)
-    return jnp.where(squares > 0, jnp.sqrt(jnp.where(squares > 0, squares, 1.0)), 0.0)
+    return safe_sqrt(squares)
 
 
 def tria(A: Float[Array, "n k"], known: Float[Array, "n n"] | None = None) -> Float[Array, "n n"]:

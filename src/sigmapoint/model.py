@@ -202,8 +202,8 @@ class StateSpaceModel(eqx.Module):
     observation_space: Space = eqx.field(static=True)
     state_names: tuple[str, ...] = eqx.field(static=True)
     state_units: tuple[str, ...] = eqx.field(static=True)
-    observation_names: tuple[str, ...] = eqx.field(static=True)
-    observation_units: tuple[str, ...] = eqx.field(static=True)
+    observation_names: tuple[str, ...] | None = eqx.field(static=True)
+    observation_units: tuple[str, ...] | None = eqx.field(static=True)
 
     def __init__(
         self,
@@ -234,11 +234,11 @@ class StateSpaceModel(eqx.Module):
         self.observation_space = observation_space or Euclidean()
         checks.initial(initial, self.state_space)
         self.process_noise.fits("process_noise", initial.cov.shape[-1], "state")
-        n, m = initial.mean.shape[-1], self.observation_noise.cov.shape[-1]
-        self.state_names = checks.names("state_names", state_names, n, "x")
-        self.observation_names = checks.names("observation_names", observation_names, m, "y")
-        self.state_units = checks.names("state_units", state_units, n, None)
-        self.observation_units = checks.names("observation_units", observation_units, m, None)
+        n = initial.mean.shape[-1]
+        self.state_names = checks.names("state_names", state_names, n) or tuple(f"x{i}" for i in range(n))
+        self.state_units = checks.names("state_units", state_units, n, distinct=False) or ("",) * n
+        self.observation_names = checks.names("observation_names", observation_names)
+        self.observation_units = checks.names("observation_units", observation_units, distinct=False)
 
 
 def with_jacobian(function: Callable, jacobian: Callable) -> Callable:
@@ -252,14 +252,13 @@ def with_jacobian(function: Callable, jacobian: Callable) -> Callable:
 
 
 def _noise(name: str, noise: Any) -> Additive | NonAdditive:
-    if isinstance(noise, NonAdditive):
-        made = noise
-    elif isinstance(noise, Gaussian):
-        made = Additive(noise.cov, noise.mean)
-    else:
-        made = Additive(checks.array(name, noise))
-    checks.covariance(name, made.cov, series=True)
-    return made
+    if isinstance(noise, Additive | NonAdditive):
+        return noise
+    if isinstance(noise, Gaussian):
+        return Additive(noise)
+    cov = checks.array(name, noise)
+    checks.covariance(name, cov, series=True)
+    return Additive(cov)
 
 
 def _noise_arrays(cov: Any, mean: Any) -> tuple[Array, Array]:

@@ -7,16 +7,34 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from sigmapoint.spaces import Euclidean, Space
+
 FIELDS = ("mean", "cov", "std", "innovation", "innovation_cov", "nis")
 
 
 class Labels(eqx.Module):
-    """Names and units of states and measurements."""
+    """Names and units of states and measurements, and the space in which errors of the state are taken."""
 
     states: tuple[str, ...] = eqx.field(static=True)
     state_units: tuple[str, ...] = eqx.field(static=True)
     observations: tuple[str, ...] = eqx.field(static=True)
     observation_units: tuple[str, ...] = eqx.field(static=True)
+    state_space: Space = eqx.field(static=True, default=Euclidean())
+
+    @classmethod
+    def of(cls, model: Any, measured: int) -> "Labels":
+        """The model's own, with `x0, x1, …`, `y0, y1, …` and no units where it has none."""
+        for name in ("observation_names", "observation_units"):
+            given = getattr(model, name)
+            if given is not None and len(given) != measured:
+                raise ValueError(f"{name} must be {measured} string(s), one for each column of y, got {given!r}")
+        return cls(
+            model.state_names,
+            model.state_units,
+            model.observation_names or tuple(f"y{i}" for i in range(measured)),
+            model.observation_units or ("",) * measured,
+            model.state_space,
+        )
 
 
 class Posterior(eqx.Module):
@@ -47,7 +65,7 @@ class Posterior(eqx.Module):
     @classmethod
     def of(cls, model: Any, y: Array, u: Any, kept: dict[str, Array]) -> "Posterior":
         """From what a run kept."""
-        labels = Labels(model.state_names, model.state_units, model.observation_names, model.observation_units)
+        labels = Labels.of(model, y.shape[-1])
         fields = {name: kept.get(name) for name in FIELDS}
         return cls(**fields, log_likelihood=kept["log_likelihood"], y=y, u=u, labels=labels)
 

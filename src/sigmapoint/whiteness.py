@@ -78,7 +78,7 @@ def autocorrelation(z: Float[np.ndarray, "T"], lags: int) -> tuple[Float[np.ndar
     return sums / (np.maximum(pairs, 1) * variance), pairs
 
 
-def tested(name: str, z: Float[np.ndarray, "T"], inputs: dict[str, np.ndarray]) -> Element:
+def examined(name: str, z: Float[np.ndarray, "T"], inputs: dict[str, np.ndarray]) -> Element:
     """All tests of the normalised innovations of one quantity."""
     from scipy.stats import chi2
 

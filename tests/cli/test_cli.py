@@ -174,6 +174,7 @@ def test_bad_data_gets_one_message_that_says_where(files, tmp_path, data, said):
         (MODEL + "measurements = []\n", "must define `measurements`"),
         (MODEL + "import time\n", "`time` must be the name of a column, got module"),
         (MODEL + "time = 'pump'\n", "column 'pump' goes back in data row 3"),
+        (MODEL + "time = 'day'\n", "dates like 2024-01-31 12:00): column 'day' must be numbers, but holds 'Monday'"),
         (MODEL + "truth = {'tonk': 'pump'}\n", "'tonk', no state of the model; its state_names are tank"),
         (MODEL.replace('u["pump"]', 'u["pomp"]'), "tank.py, line 8: KeyError: 'pomp'"),
         (MODEL.replace("jnp.eye(1),", "-jnp.eye(1),", 1), "has a negative variance"),
@@ -181,7 +182,9 @@ def test_bad_data_gets_one_message_that_says_where(files, tmp_path, data, said):
     ],
 )
 def test_bad_model_gets_one_message_that_says_where(files, tmp_path, model, said):
-    assert said in message("run", *files(FEW.replace("0.2", "0.0"), model), "--out", tmp_path / "out")
+    assert said in message(
+        "run", *files("level [m],pump,day\n1.0,0.1,Monday\n,0.1,\n1.2,0.0,\n", model), "--out", tmp_path / "out"
+    )
     assert not (tmp_path / "out").exists()
 
 

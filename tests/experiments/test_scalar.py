@@ -49,7 +49,7 @@ def spkf_of_the_notes(z):
 
 @pytest.fixture(scope="module")
 def series():
-    return experiment.series(60, seed=3)
+    return experiment.series(experiment.QUICK_RUNS, seed=3)  # the shapes of the quick run: compiled once
 
 
 @pytest.fixture(scope="module")

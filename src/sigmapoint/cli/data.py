@@ -153,7 +153,7 @@ def clock(frame: pd.DataFrame, wanted: str | None) -> Clock:
     series = frame.iloc[:, locate(frame, wanted, "time")]
     dates = None if pd.api.types.is_numeric_dtype(series) else _dates(series)
     if dates is None:
-        numbers = shown = column(frame, wanted, "time", complete=True).values
+        numbers = shown = column(frame, wanted, "time (numbers, or dates like 2024-01-31 12:00)", complete=True).values
     else:
         shown = dates.to_numpy()
         numbers = (dates - dates.iloc[0]).dt.total_seconds().to_numpy(np.float64)

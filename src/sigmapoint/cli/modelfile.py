@@ -120,7 +120,7 @@ def _measurements(frame: pd.DataFrame, names: Mapping[str, Any], model: StateSpa
     columns = _columns(frame, names, "measurements", path, complete=False)
     if not columns:
         raise InputError(f"{path} must define `measurements`, a list of columns such as ['voltage']")
-    if isinstance(names["measurements"], Mapping) and not _numbered(model.observation_names, "y"):
+    if isinstance(names["measurements"], Mapping) and model.observation_names is not None:
         if set(columns) != set(model.observation_names):
             raise InputError(
                 f"{path}: `measurements` names {', '.join(columns)}, but the model's observation_names are "
@@ -147,18 +147,13 @@ def _states(model: StateSpaceModel, truth: Columns) -> Float[np.ndarray, "T d"] 
     return np.stack([truth[name].values if name in truth else unknown for name in model.state_names], axis=1)
 
 
-def _numbered(names: tuple[str, ...], prefix: str) -> bool:
-    return names == tuple(f"{prefix}{i}" for i in range(len(names)))
-
-
 def _labels(model: StateSpaceModel, measured: Columns, truth: Columns) -> Labels:
-    from_file = _numbered(model.observation_names, "y") or len(model.observation_names) != len(measured)
-    observations = tuple(measured) if from_file else model.observation_names
-    own = model.observation_units if len(model.observation_units) == len(measured) else ("",) * len(measured)
+    own = model.observation_units or ("",) * len(measured)
     known = {name: column.unit for name, column in truth.items()}
     return Labels(
         states=model.state_names,
         state_units=tuple(unit or known.get(name, "") for name, unit in zip(model.state_names, model.state_units)),
-        observations=observations,
+        observations=model.observation_names or tuple(measured),
         observation_units=tuple(unit or column.unit for unit, column in zip(own, measured.values())),
+        state_space=model.state_space,
     )

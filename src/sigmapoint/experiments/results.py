@@ -99,6 +99,7 @@ def _saved(out: Path, picture: Picture) -> bytes:
     for kind in ("png", "svg"):
         buffer = BytesIO()
         picture.figure.savefig(buffer, format=kind, dpi=160)
+        picture.figure.set_layout_engine("none")  # as laid out by the first
         images[kind] = buffer.getvalue()
         _write(out / f"{picture.name}.{kind}", images[kind])
     return images["png"]
@@ -156,7 +157,8 @@ figcaption {{ color: #555; max-width: 46rem }}
 table {{ border-collapse: collapse; font-variant-numeric: tabular-nums }}
 th, td {{ text-align: left; vertical-align: top; padding: .25rem .75rem .25rem 0; border-bottom: 1px solid #e5e5e5 }}
 tbody th {{ padding-top: 1.25rem; border-bottom: 2px solid #999 }}
-.n {{ text-align: right; white-space: nowrap }}
+.n {{ text-align: right }}
+.n, td:first-child {{ white-space: nowrap }}
 .note {{ color: #555; font-size: .85rem; min-width: 12rem }}
 small {{ color: #555 }}
 @media (max-width: 40rem) {{ body {{ font-size: 15px; padding: .75rem }} th, td {{ padding-right: .5rem }} }}

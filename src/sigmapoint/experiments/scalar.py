@@ -69,12 +69,16 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict]:
     scores = {name: score(x, *belief) for name, belief in beliefs.items()}
     paired = {name: compared(scores[name], scores["EKF"]) for name in scores if name != "EKF"}
     rows = [*absolute(scores), *differences(paired), *timing(x, late, beliefs)]
+    first = {name: (beliefs[name][0][0], beliefs[name][1][0]) for name in late}
+    summary = {name: (mean_of(s.rmse), mean_of(s.within)) for name, s in scores.items()}
+    captions = (
+        "The first series, with ±3σ bounds: state above, error below; EKF (notes 6.2) and SPKF (notes 6.6).",
+        f"All methods on the same {len(x)} series, mean ± 2 standard errors.",
+    )
     pictures = [
-        Picture("scalar-run", "The first series: truth, estimate and ±3σ bounds; error and bounds. Left the EKF "
-                "(notes 6.2), right the SPKF (notes 6.6).", single_run(x[0], {n: _first(beliefs[n]) for n in late})),
-        Picture("scalar-methods", f"All methods on the same {len(x)} series, mean ± 2 standard errors.",
-                all_methods({n: (mean_of(s.rmse), mean_of(s.within)) for n, s in scores.items()}, NOMINAL)),
-    ]  # fmt: skip
+        Picture("scalar-run", captions[0], single_run(x[0], first)),
+        Picture("scalar-methods", captions[1], all_methods(summary, NOMINAL)),
+    ]
     clamped = int((beliefs["EKF"][0] <= scalar.LOWEST).sum())
     findings = [*claims(paired), *beyond(scores), f"The EKF's clamp at −5 acted in {clamped} of {x.size:,} steps."]
     return publish(out, "A scalar model with a cubic sensor: EKF and sigma-point filters", findings, rows, pictures)
@@ -195,7 +199,3 @@ def _outcome(gain: float, mean: Mean) -> str:
 
 def _row(quantity: str, method: str, mean: Mean, note: str) -> Row:
     return Row("scalar", quantity, method, None, mean.value, mean.spread, mean.runs, note)
-
-
-def _first(belief: Belief) -> Belief:
-    return belief[0][0], belief[1][0]

@@ -13,9 +13,7 @@ one dimension (not in two) makes it σ⁶; p-point Gauss-Hermite rules reach σ�
 """
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -88,10 +86,22 @@ def transform(
     return Moments(lin.mean, lin.slope @ lin.slope.T + lin.residual @ lin.residual.T, factor @ lin.slope.T)
 
 
+def by_rules(case: Case, factors: Float[Array, "F n n"]) -> dict[str, Moments]:
+    """Moments by every rule, for several factors of the prior's covariance at once."""
+    mean = jnp.asarray(case.mean)
+
+    @jax.jit
+    @jax.vmap
+    def each(factor: Array) -> list[Moments]:  # not a dictionary: JAX would sort it
+        return [transform(rule, case.g, mean, factor) for rule in RULES.values()]
+
+    return dict(zip(RULES, each(factors)))
+
+
 def errors(name: str, draws: int, seed: int) -> list[Row]:
     """Errors of every rule at the prior drawn, and of a Monte-Carlo sample to judge them by."""
     case, true = CASES[name], truth(CASES[name])
-    found = {m: transform(r, case.g, jnp.asarray(case.mean), jnp.asarray(case.factor)) for m, r in RULES.items()}
+    found = {m: Moments(*(a[0] for a in f)) for m, f in by_rules(case, jnp.asarray(case.factor[None])).items()}
     sample = f"Monte Carlo, {draws:,} draws"
     rows = []
     for method, moments in {**found, sample: monte_carlo(case, draws, seed)}.items():
@@ -101,23 +111,13 @@ def errors(name: str, draws: int, seed: int) -> list[Row]:
     return rows
 
 
-class Narrowing(NamedTuple):
-    """Errors of one rule as the prior narrows (one a width), and the order fitted to them."""
-
-    widths: np.ndarray
-    errors: np.ndarray
-    order: float
-    spread: float
-
-
-def narrowing(case: Case) -> dict[tuple[str, str], Narrowing]:
+def narrowing(case: Case) -> dict[tuple[str, str], Line]:
     """By rule and by moment: absolute errors against the width of the prior, and their order."""
     factors = jnp.asarray(WIDTHS[:, None, None] * case.factor)
     true = [truth(case._replace(factor=np.asarray(factor))) for factor in factors]
     means, covs = np.array([one.mean for one in true]), np.array([one.cov for one in true])
     found = {}
-    for method, rule in RULES.items():
-        rough = jax.vmap(partial(transform, rule, case.g, jnp.asarray(case.mean)))(factors)
+    for method, rough in by_rules(case, factors).items():
         mean = np.linalg.norm(rough.mean - means, axis=1) / np.linalg.norm(means, axis=1)
         cov, size = np.linalg.norm(rough.cov - covs, axis=(1, 2)), np.linalg.norm(covs, axis=(1, 2))
         found[method, "mean"] = fitted(mean, mean > ROUNDING)
@@ -125,17 +125,17 @@ def narrowing(case: Case) -> dict[tuple[str, str], Narrowing]:
     return found
 
 
-def fitted(error: np.ndarray, clear: np.ndarray, most: int = 6) -> Narrowing:
+def fitted(error: np.ndarray, clear: np.ndarray, most: int = 6) -> Line:
     """The slope of log error over log width, from the narrowest priors (at most `most`) with errors above rounding."""
     kept = int(np.argmin(np.append(clear, False)))
     widths, error = WIDTHS[:kept], error[:kept]
     if kept < most:
-        return Narrowing(widths, error, np.nan, np.nan)
+        return Line(widths, error, np.nan, np.nan)
     (slope, _), cov = np.polyfit(np.log(widths[-most:]), np.log(error[-most:]), 1, cov=True)
-    return Narrowing(widths, error, float(slope), float(np.sqrt(cov[0, 0])))
+    return Line(widths, error, float(slope), float(np.sqrt(cov[0, 0])))
 
 
-def order_rows(name: str, found: dict[tuple[str, str], Narrowing]) -> list[Row]:
+def order_rows(name: str, found: dict[tuple[str, str], Line]) -> list[Row]:
     """The fitted orders; exact rules have none."""
     rows = []
     for (method, moment), fit in sorted(found.items(), key=lambda item: item[0][1], reverse=True):
@@ -166,9 +166,9 @@ def claims(rows: Sequence[Row], slopes: Sequence[Row]) -> Sequence[str]:
     )
 
 
-def _pictures(narrowed: dict[str, dict[tuple[str, str], Narrowing]], seed: int) -> list[Picture]:
+def _pictures(narrowed: dict[str, dict[tuple[str, str], Line]], seed: int) -> list[Picture]:
     panels = {
-        f"{name}: {moment}": {m: Line(f.widths, f.errors, f.order) for (m, what), f in found.items() if what == moment}
+        f"{name}: {moment}": {method: line for (method, what), line in found.items() if what == moment}
         for name, found in narrowed.items()
         for moment in ("mean", "covariance")
     }
@@ -189,10 +189,11 @@ def _pictures(narrowed: dict[str, dict[tuple[str, str], Narrowing]], seed: int) 
 
 def clouds(case: Case, method: str, draws: int, seed: int) -> Clouds:
     """What the pictures show of a case, with the sigma points of one method."""
-    mean, factor, rule = jnp.asarray(case.mean), jnp.asarray(case.factor), SIGMA_POINT_RULES[method]
-    found = {"truth": truth(case)} | {m: transform(RULES[m], case.g, mean, factor) for m in ("linearised", method)}
-    x = case.mean + np.random.default_rng(seed).standard_normal((draws, len(mean))) @ case.factor.T
-    points = case.mean + rule.sigma_points(len(mean)).points @ case.factor.T
+    n, true, found = len(case.mean), truth(case), by_rules(case, jnp.asarray(case.factor[None]))
+    x = case.mean + np.random.default_rng(seed).standard_normal((draws, n)) @ case.factor.T
+    points = case.mean + SIGMA_POINT_RULES[method].sigma_points(n).points @ case.factor.T
     y, images = (np.asarray(jax.vmap(case.g)(jnp.asarray(at))) for at in (x, points))
-    gaussians = {m: Gaussian2(np.asarray(f.mean), np.asarray(f.cov)) for m, f in found.items()}
+    gaussians = {"truth": Gaussian2(np.asarray(true.mean), np.asarray(true.cov))} | {
+        m: Gaussian2(np.asarray(found[m].mean[0]), np.asarray(found[m].cov[0])) for m in ("linearised", method)
+    }
     return Clouds(Gaussian2(case.mean, case.factor @ case.factor.T), x, y, gaussians, points, images)

@@ -65,8 +65,8 @@ def monte_carlo(case: Case, draws: int, seed: int) -> Moments:
 
 def _weighted(case: Case, xi: np.ndarray, w: np.ndarray) -> Moments:
     x = case.mean + xi @ case.factor.T
-    y = np.asarray(jax.vmap(case.g)(jnp.asarray(x)))
-    centre = np.asarray(case.g(jnp.asarray(case.mean)))  # small differences from here keep their digits
+    y = np.asarray(jax.jit(jax.vmap(case.g))(jnp.asarray(x)))
+    centre = np.asarray(jax.jit(case.g)(jnp.asarray(case.mean)))  # small differences from here keep their digits
     shift = w @ (y - centre)
     d = y - centre - shift
     return Moments(jnp.asarray(centre + shift), jnp.asarray((w * d.T) @ d), jnp.asarray((w * (x - case.mean).T) @ d))

@@ -107,11 +107,12 @@ def _ellipse(axis: Axes, method: str, gaussian: Gaussian2) -> None:
 
 
 class Line(NamedTuple):
-    """Errors of a method at some widths, and the order that was fitted (NaN where there was nothing to fit)."""
+    """Errors of a rule as the prior narrows, and the order fitted to them (NaN where there was too little to fit)."""
 
     widths: np.ndarray
     errors: np.ndarray
     order: float
+    spread: float
 
 
 def orders(panels: Mapping[str, Mapping[str, Line]], columns: int) -> Figure:

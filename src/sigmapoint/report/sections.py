@@ -12,7 +12,7 @@ from sigmapoint.report.runs import Run, Runs
 from sigmapoint.report.whiteness_figures import autocorrelation_figure, histogram_figure, qq_figure
 
 BAND = "expected {:.2f} to {:.2f}"
-VIEW = "At first the rarest large values may be out of view: double-click twice to see all."
+VIEW = "At first the rarest large values may be out of view: double-click to see all, and again to go back."
 
 
 def summary(runs: Runs) -> str:

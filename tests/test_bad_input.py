@@ -1,0 +1,150 @@
+"""Bad input gives one clear message that names the argument, before anything is compiled."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import sigmapoint as sp
+
+EYE1, EYE2 = np.eye(1), np.eye(2)
+
+
+def f(x, u):
+    return 0.9 * x
+
+
+def h(x, u):
+    return x[:1]
+
+
+def model(**changes):
+    parts = {
+        "dynamics": f,
+        "observation": h,
+        "process_noise": EYE2,
+        "observation_noise": EYE1,
+        "initial": sp.Gaussian(np.zeros(2), EYE2),
+    }
+    return sp.StateSpaceModel(**{**parts, **changes})
+
+
+def run(y=np.ones((5, 1)), u=None, **changes):
+    return sp.filter(model(**changes), y, u, sp.srcdkf())
+
+
+NAN = np.array([[1.0, np.nan], [np.nan, 1.0]])
+CASES = {
+    "asymmetric Q": (lambda: model(process_noise=[[1.0, 0.5], [0.0, 1.0]]), "process_noise must be symmetric"),
+    "negative variance": (lambda: model(process_noise=np.diag([1.0, -1e-3])), r"process_noise has a negative variance.*\[1, 1\]"),
+    "indefinite Q": (lambda: model(process_noise=[[1.0, 2.0], [2.0, 1.0]]), "process_noise must be positive semi-definite"),
+    "covariance without variance": (lambda: model(process_noise=[[0.0, 0.1], [0.1, 1.0]]), "process_noise must be positive"),
+    "NaN in Q": (lambda: model(process_noise=NAN), "process_noise has 2 NaN"),
+    "Q of the wrong size": (lambda: model(process_noise=np.eye(3)), r"process_noise must be \(2, 2\)"),
+    "Q as variances": (lambda: model(process_noise=np.ones(2)), r"process_noise must be a covariance.*jnp.diag"),
+    "Q as a number": (lambda: model(process_noise=0.1), "process_noise must be a covariance"),
+    "Q not square": (lambda: model(process_noise=np.ones((2, 3))), "process_noise must be a covariance"),
+    "Q of strings": (lambda: model(process_noise="small"), "process_noise must be an array"),
+    "Q missing": (lambda: model(process_noise=None), "process_noise must be an array"),
+    "complex R": (lambda: model(observation_noise=EYE1 * 1j), "observation_noise must be real"),
+    "infinite R": (lambda: model(observation_noise=[[np.inf]]), "observation_noise has 1 NaN or infinite"),
+    "Q for too few instants": (lambda: run(process_noise=np.tile(EYE2, (3, 1, 1))), "process_noise is given for 3 instants, but y has 5"),
+    "one negative variance in a series": (lambda: model(process_noise=np.stack([EYE2, -EYE2])), "process_noise has a negative variance"),
+    "initial not a Gaussian": (lambda: model(initial=(np.zeros(2), EYE2)), "initial must be sp.Gaussian"),
+    "mean and cov differ": (lambda: model(initial=sp.Gaussian(np.zeros(3), EYE2)), r"initial.cov must be \(3, 3\)"),
+    "mean a number": (lambda: sp.Gaussian(0.0, EYE1), r"mean must be \(n,\)"),
+    "NaN in the mean": (lambda: sp.Gaussian([0.0, np.nan], EYE2), "mean has 1 NaN"),
+    "dynamics not a function": (lambda: model(dynamics=EYE2), "dynamics must be a function"),
+    "names too few": (lambda: model(state_names=("a",)), "state_names must be 2 string"),
+    "names twice": (lambda: model(state_names=("a", "a")), "state_names must differ"),
+    "dynamics returns too much": (lambda: run(dynamics=lambda x, u: jnp.ones(3)), r"dynamics must return an array of shape \(2,\)"),
+    "dynamics returns a tuple of odd parts": (lambda: run(dynamics=lambda x, u: (x, x[0])), "dynamics must return one array"),
+    "observation returns a number": (lambda: run(observation=lambda x, u: x[0]), r"observation must return an array of shape \(1,\)"),
+    "y one-dimensional": (lambda: run(y=np.ones(5)), r"y must be \(T, m\).*y\[:, None\]"),
+    "y too wide": (lambda: run(y=np.ones((5, 3))), "observation_noise must be.*for a row of y of 3"),
+    "y empty": (lambda: run(y=np.ones((0, 1))), "y has no rows"),
+    "y without columns": (lambda: run(y=np.ones((5, 0))), "y has no columns"),
+    "y of strings": (lambda: run(y=[["a"]]), "y must be an array"),
+    "y infinite": (lambda: run(y=np.full((5, 1), np.inf)), "y has infinite values"),
+    "NaN in u": (lambda: run(u={"a": np.array([0.0, np.nan, 0, 0, 0])}), r"u\['a'\] has 1 NaN.*index \(1,\)"),
+    "u too short": (lambda: run(u=np.ones(4)), "u must have one row for each of the 5"),
+    "u a number": (lambda: run(u=3.0), "u must have one row"),
+    "R of the wrong size": (lambda: run(observation_noise=EYE2), "observation_noise must be"),
+    "keep unknown": (lambda: sp.filter(model(), np.ones((3, 1)), keep=("mean", "median")), "keep has unknown.*median"),
+    "model not a model": (lambda: sp.filter(f, np.ones((3, 1))), "model must be a sp.StateSpaceModel"),
+    "online y a matrix": (lambda: sp.online(model()).update(sp.online(model()).init(), np.ones((2, 1))), "y must be one measurement"),
+    "online state a tuple": (lambda: sp.online(model()).predict((1, 2)), "state must come from"),
+    "iterated zero times": (lambda: sp.iterated(sp.ekf(), 0), "iterations"),
+    "iterated and augmented": (lambda: sp.iterated(sp.augmented(sp.ukf()), 2), "iterated"),
+    "augmented and iterated": (lambda: sp.augmented(sp.iterated(sp.ukf(), 2)), "iterated"),
+    "simulate nothing": (lambda: sp.simulate(model(), 0, key=jax.random.key(0)), "T must be"),
+    "Hermite in many dimensions": (lambda: sp.filter(_wide(), np.ones((2, 1)), None, sp.ghkf()), "points"),
+    "angles without indices": (lambda: sp.angles(), "angles"),
+}
+
+
+def _wide():
+    return sp.StateSpaceModel(f, h, np.eye(9), EYE1, sp.Gaussian(np.zeros(9), np.eye(9)))
+
+
+def messages() -> dict[str, str]:
+    """What each case raises, as `type: message`."""
+    found = {}
+    for name, (make, _) in CASES.items():
+        try:
+            make()
+            found[name] = "nothing was raised"
+        except Exception as error:
+            found[name] = f"{type(error).__name__}: {error}"
+    return found
+
+
+@pytest.fixture(scope="module")
+def as_a_user_sees_them() -> dict[str, str]:
+    """In a process of its own, without the run-time checks of annotations that the tests switch on."""
+    code = "import json, test_bad_input; print(json.dumps(test_bad_input.messages()))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_message_names_the_argument(case, as_a_user_sees_them):
+    assert re.match("ValueError: .*" + CASES[case][1], as_a_user_sees_them[case], re.DOTALL), as_a_user_sees_them[case]
+
+
+def test_nearly_symmetric_is_accepted():
+    Q = np.array([[1.0, 0.3], [0.3 + 1e-15, 1.0]])
+    assert np.isfinite(run(process_noise=Q).mean).all()
+
+
+def test_huge_and_tiny_scales_beside_each_other_are_accepted():
+    Q = np.diag([1e12, 1e-18])
+    post = run(process_noise=Q, initial=sp.Gaussian(np.zeros(2), Q))
+    assert np.isfinite(post.cov).all()
+    assert (post.std > 0).all()
+
+
+@pytest.mark.parametrize("T", [1, 2])
+def test_one_row_is_a_series(T):
+    y = np.ones((T, 1))
+    assert sp.filter(model(), y).mean.shape == (T, 2)
+    assert sp.smooth(model(), y).mean.shape == (T, 2)
+
+
+def test_inputs_of_integers_and_plain_lists_are_fine():
+    post = sp.filter(model(dynamics=lambda x, u: 0.9 * x + u.astype(x.dtype)), [[1.0], [2.0]], np.array([1, 2]))
+    assert np.isfinite(post.mean).all()
+
+
+def test_a_failing_model_keeps_its_own_error():
+    def broken(x, u):
+        raise KeyError("no such table")
+
+    with pytest.raises(KeyError, match="no such table"):
+        run(dynamics=broken)

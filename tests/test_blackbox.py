@@ -1,0 +1,145 @@
+"""A simulator that JAX cannot trace gives the numbers of its traced twin, and its exceptions arrive as they are."""
+
+import ctypes
+import ctypes.util
+import traceback
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import sigmapoint as sp
+
+
+def traced_step(x, u):
+    return jnp.stack([x[0] + 0.1 * x[1], x[1] - 0.1 * jnp.sin(x[0]) + u["push"]])
+
+
+def python_step(x, u):
+    """The twin in plain Python."""
+    return [x[0] + 0.1 * x[1], x[1] - 0.1 * np.sin(x[0]) + u["push"]]
+
+
+def rows_step(x, u):
+    return np.stack([x[:, 0] + 0.1 * x[:, 1], x[:, 1] - 0.1 * np.sin(x[:, 0]) + u["push"]], axis=1)
+
+
+def compiled_step(x, u):
+    """The twin with its sine from the C library."""
+    return [x[0] + 0.1 * x[1], x[1] - 0.1 * LIBM.sin(x[0]) + u["push"]]
+
+
+LIBM = ctypes.CDLL(ctypes.util.find_library("m"))
+LIBM.sin.restype, LIBM.sin.argtypes = ctypes.c_double, [ctypes.c_double]
+T = 30
+U = {"push": np.linspace(-0.1, 0.1, T)}
+Y = np.random.default_rng(0).normal(size=(T, 1))
+
+
+def model(step, **more):
+    return sp.StateSpaceModel(
+        step, lambda x, u: jnp.sin(x[:1]), 1e-3 * np.eye(2), 0.1 * np.eye(1), sp.Gaussian(np.zeros(2), np.eye(2)), **more
+    )
+
+
+@pytest.mark.parametrize(
+    "box", [sp.blackbox(python_step), sp.blackbox(rows_step, vectorized=True), sp.blackbox(compiled_step)], ids=["python", "rows", "compiled"]
+)
+@pytest.mark.parametrize("method", [sp.srukf(), sp.augmented(sp.cdkf())], ids=["srukf", "augmented"])
+def test_same_numbers_as_the_traced_twin(box, method):
+    a, b = sp.filter(model(box), Y, U, method), sp.filter(model(traced_step), Y, U, method)
+    np.testing.assert_allclose(a.mean, b.mean, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(a.cov, b.cov, rtol=1e-10, atol=1e-12)
+
+
+def test_smoother_batch_online_and_simulation_take_a_black_box():
+    box = sp.blackbox(python_step)
+    a, b = model(box), model(traced_step)
+    np.testing.assert_allclose(sp.smooth(a, Y, U).mean, sp.smooth(b, Y, U).mean, rtol=1e-10, atol=1e-12)
+    batch = jnp.stack([jnp.asarray(Y), jnp.asarray(-Y)])
+    many = [jax.vmap(lambda y, m=m: sp.filter(m, y, U, sp.srukf()).mean)(batch) for m in (a, b)]
+    np.testing.assert_allclose(*many, rtol=1e-10, atol=1e-12)
+    live = sp.online(a)
+    assert live.predict(live.init(), {"push": 0.5}).mean[1] == pytest.approx(0.5)
+    x, _ = sp.simulate(a, T, key=jax.random.key(0), u=U)
+    np.testing.assert_allclose(x, sp.simulate(b, T, key=jax.random.key(0), u=U)[0], rtol=1e-10)
+
+
+def test_whole_point_set_is_handed_over_at_once():
+    sizes = []
+
+    def step(x, u):
+        sizes.append(x.shape)
+        return rows_step(x, u)
+
+    sp.filter(model(sp.blackbox(step, vectorized=True)), Y, U, sp.srukf())
+    assert set(sizes) == {(5, 2)}
+    assert len(sizes) == T
+
+
+def test_worker_processes_give_the_same_numbers():
+    box = sp.blackbox(python_step, workers=2)
+    try:
+        a = sp.filter(model(box), Y, U, sp.srukf())
+    finally:
+        box.close()
+    np.testing.assert_allclose(a.mean, sp.filter(model(traced_step), Y, U, sp.srukf()).mean, rtol=1e-10, atol=1e-12)
+
+
+class SimulatorError(Exception):
+    pass
+
+
+def failing_step(x, u):
+    raise SimulatorError("valve stuck")
+
+
+@pytest.mark.parametrize("run", [sp.filter, sp.smooth])
+def test_an_exception_inside_arrives_with_its_own_type_and_traceback(run):
+    with pytest.raises(SimulatorError, match="valve stuck") as caught:
+        run(model(sp.blackbox(failing_step)), Y, U, sp.srukf())
+    assert "failing_step" in "".join(traceback.format_tb(caught.value.__traceback__))
+    sp.filter(model(sp.blackbox(python_step)), Y, U, sp.srukf())  # and the next run is not disturbed
+
+
+def test_an_exception_in_a_worker_arrives_too():
+    box = sp.blackbox(failing_step, workers=1)
+    try:
+        with pytest.raises(SimulatorError, match="valve stuck"):
+            sp.filter(model(box), Y, U, sp.srukf())
+    finally:
+        box.close()
+
+
+def test_control_c_inside_comes_out_as_control_c():
+    def interrupted(x, u):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sp.filter(model(sp.blackbox(interrupted)), Y, U, sp.srukf())
+
+
+def test_extended_filter_needs_a_jacobian_and_says_so():
+    box = sp.blackbox(python_step)
+    with pytest.raises(TypeError, match="sigma-point method"):
+        sp.filter(model(box), Y, U, sp.ekf())
+    own = model(box, dynamics_jacobian=lambda x, u: jnp.array([[1.0, 0.1], [0.0, 1.0]]) + jnp.array([[0.0, 0.0], [-0.1, 0.0]]) * jnp.cos(x[0]))
+    np.testing.assert_allclose(
+        sp.filter(own, Y, U, sp.ekf()).mean, sp.filter(model(traced_step), Y, U, sp.ekf()).mean, rtol=1e-10, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "word"),
+    [
+        (lambda: sp.blackbox(3), "callable"),
+        (lambda: sp.blackbox(python_step, workers=-1), "workers"),
+        (lambda: sp.blackbox(rows_step, workers=2, vectorized=True), "workers or vectorized"),
+        (lambda: sp.filter(model(sp.blackbox(lambda x, u: [1.0])), Y, U, sp.ukf()), r"must return shape \(2,\)"),
+        (lambda: sp.filter(model(sp.blackbox(lambda x, u: np.ones((3, 3)), vectorized=True)), Y, U, sp.ukf()), "rows"),
+    ],
+)
+def test_bad_use_is_refused(make, word):
+    with pytest.raises(ValueError, match=word):
+        make()
