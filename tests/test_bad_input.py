@@ -35,16 +35,25 @@ def model(**changes):
     return sp.StateSpaceModel(**{**parts, **changes})
 
 
-def run(y=np.ones((5, 1)), u=None, **changes):
-    return sp.filter(model(**changes), y, u, sp.srcdkf())
+def run(y=None, u=None, **changes):
+    return sp.filter(model(**changes), np.ones((5, 1)) if y is None else y, u, sp.srcdkf())
 
 
 NAN = np.array([[1.0, np.nan], [np.nan, 1.0]])
 CASES = {
     "asymmetric Q": (lambda: model(process_noise=[[1.0, 0.5], [0.0, 1.0]]), "process_noise must be symmetric"),
-    "negative variance": (lambda: model(process_noise=np.diag([1.0, -1e-3])), r"process_noise has a negative variance.*\[1, 1\]"),
-    "indefinite Q": (lambda: model(process_noise=[[1.0, 2.0], [2.0, 1.0]]), "process_noise must be positive semi-definite"),
-    "covariance without variance": (lambda: model(process_noise=[[0.0, 0.1], [0.1, 1.0]]), "process_noise must be positive"),
+    "negative variance": (
+        lambda: model(process_noise=np.diag([1.0, -1e-3])),
+        r"process_noise has a negative variance.*\[1, 1\]",
+    ),
+    "indefinite Q": (
+        lambda: model(process_noise=[[1.0, 2.0], [2.0, 1.0]]),
+        "process_noise must be positive semi-definite",
+    ),
+    "covariance without variance": (
+        lambda: model(process_noise=[[0.0, 0.1], [0.1, 1.0]]),
+        "process_noise must be positive",
+    ),
     "NaN in Q": (lambda: model(process_noise=NAN), "process_noise has 2 NaN"),
     "Q of the wrong size": (lambda: model(process_noise=np.eye(3)), r"process_noise must be \(2, 2\)"),
     "Q as variances": (lambda: model(process_noise=np.ones(2)), r"process_noise must be a covariance.*jnp.diag"),
@@ -54,8 +63,14 @@ CASES = {
     "Q missing": (lambda: model(process_noise=None), "process_noise must be an array"),
     "complex R": (lambda: model(observation_noise=EYE1 * 1j), "observation_noise must be real"),
     "infinite R": (lambda: model(observation_noise=[[np.inf]]), "observation_noise has 1 NaN or infinite"),
-    "Q for too few instants": (lambda: run(process_noise=np.tile(EYE2, (3, 1, 1))), "process_noise is given for 3 instants, but y has 5"),
-    "one negative variance in a series": (lambda: model(process_noise=np.stack([EYE2, -EYE2])), "process_noise has a negative variance"),
+    "Q for too few instants": (
+        lambda: run(process_noise=np.tile(EYE2, (3, 1, 1))),
+        "process_noise is given for 3 instants, but y has 5",
+    ),
+    "one negative variance in a series": (
+        lambda: model(process_noise=np.stack([EYE2, -EYE2])),
+        "process_noise has a negative variance",
+    ),
     "initial not a Gaussian": (lambda: model(initial=(np.zeros(2), EYE2)), "initial must be sp.Gaussian"),
     "mean and cov differ": (lambda: model(initial=sp.Gaussian(np.zeros(3), EYE2)), r"initial.cov must be \(3, 3\)"),
     "mean a number": (lambda: sp.Gaussian(0.0, EYE1), r"mean must be \(n,\)"),
@@ -63,9 +78,18 @@ CASES = {
     "dynamics not a function": (lambda: model(dynamics=EYE2), "dynamics must be a function"),
     "names too few": (lambda: model(state_names=("a",)), "state_names must be 2 string"),
     "names twice": (lambda: model(state_names=("a", "a")), "state_names must differ"),
-    "dynamics returns too much": (lambda: run(dynamics=lambda x, u: jnp.ones(3)), r"dynamics must return an array of shape \(2,\)"),
-    "dynamics returns a tuple of odd parts": (lambda: run(dynamics=lambda x, u: (x, x[0])), "dynamics must return one array"),
-    "observation returns a number": (lambda: run(observation=lambda x, u: x[0]), r"observation must return an array of shape \(1,\)"),
+    "dynamics returns too much": (
+        lambda: run(dynamics=lambda x, u: jnp.ones(3)),
+        r"dynamics must return an array of shape \(2,\)",
+    ),
+    "dynamics returns a tuple of odd parts": (
+        lambda: run(dynamics=lambda x, u: (x, x[0])),
+        "dynamics must return one array",
+    ),
+    "observation returns a number": (
+        lambda: run(observation=lambda x, u: x[0]),
+        r"observation must return an array of shape \(1,\)",
+    ),
     "y one-dimensional": (lambda: run(y=np.ones(5)), r"y must be \(T, m\).*y\[:, None\]"),
     "y too wide": (lambda: run(y=np.ones((5, 3))), "observation_noise must be.*for a row of y of 3"),
     "y empty": (lambda: run(y=np.ones((0, 1))), "y has no rows"),
@@ -78,7 +102,10 @@ CASES = {
     "R of the wrong size": (lambda: run(observation_noise=EYE2), "observation_noise must be"),
     "keep unknown": (lambda: sp.filter(model(), np.ones((3, 1)), keep=("mean", "median")), "keep has unknown.*median"),
     "model not a model": (lambda: sp.filter(f, np.ones((3, 1))), "model must be a sp.StateSpaceModel"),
-    "online y a matrix": (lambda: sp.online(model()).update(sp.online(model()).init(), np.ones((2, 1))), "y must be one measurement"),
+    "online y a matrix": (
+        lambda: sp.online(model()).update(sp.online(model()).init(), np.ones((2, 1))),
+        "y must be one measurement",
+    ),
     "online state a tuple": (lambda: sp.online(model()).predict((1, 2)), "state must come from"),
     "iterated zero times": (lambda: sp.iterated(sp.ekf(), 0), "iterations"),
     "iterated and augmented": (lambda: sp.iterated(sp.augmented(sp.ukf()), 2), "iterated"),
@@ -109,7 +136,9 @@ def messages() -> dict[str, str]:
 def as_a_user_sees_them() -> dict[str, str]:
     """In a process of its own, without the run-time checks of annotations that the tests switch on."""
     code = "import json, test_bad_input; print(json.dumps(test_bad_input.messages()))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=Path(__file__).parent, capture_output=True, text=True, check=True
+    )
     return json.loads(done.stdout.splitlines()[-1])
 
 

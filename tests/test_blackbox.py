@@ -39,12 +39,19 @@ Y = np.random.default_rng(0).normal(size=(T, 1))
 
 def model(step, **more):
     return sp.StateSpaceModel(
-        step, lambda x, u: jnp.sin(x[:1]), 1e-3 * np.eye(2), 0.1 * np.eye(1), sp.Gaussian(np.zeros(2), np.eye(2)), **more
+        step,
+        lambda x, u: jnp.sin(x[:1]),
+        1e-3 * np.eye(2),
+        0.1 * np.eye(1),
+        sp.Gaussian(np.zeros(2), np.eye(2)),
+        **more,
     )
 
 
 @pytest.mark.parametrize(
-    "box", [sp.blackbox(python_step), sp.blackbox(rows_step, vectorized=True), sp.blackbox(compiled_step)], ids=["python", "rows", "compiled"]
+    "box",
+    [sp.blackbox(python_step), sp.blackbox(rows_step, vectorized=True), sp.blackbox(compiled_step)],
+    ids=["python", "rows", "compiled"],
 )
 @pytest.mark.parametrize("method", [sp.srukf(), sp.augmented(sp.cdkf())], ids=["srukf", "augmented"])
 def test_same_numbers_as_the_traced_twin(box, method):
@@ -124,7 +131,12 @@ def test_extended_filter_needs_a_jacobian_and_says_so():
     box = sp.blackbox(python_step)
     with pytest.raises(TypeError, match="sigma-point method"):
         sp.filter(model(box), Y, U, sp.ekf())
-    own = model(box, dynamics_jacobian=lambda x, u: jnp.array([[1.0, 0.1], [0.0, 1.0]]) + jnp.array([[0.0, 0.0], [-0.1, 0.0]]) * jnp.cos(x[0]))
+    own = model(
+        box,
+        dynamics_jacobian=lambda x, u: (
+            jnp.array([[1.0, 0.1], [0.0, 1.0]]) + jnp.array([[0.0, 0.0], [-0.1, 0.0]]) * jnp.cos(x[0])
+        ),
+    )
     np.testing.assert_allclose(
         sp.filter(own, Y, U, sp.ekf()).mean, sp.filter(model(traced_step), Y, U, sp.ekf()).mean, rtol=1e-10, atol=1e-12
     )

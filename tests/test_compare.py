@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import sigmapoint as sp
-from sigmapoint.compare import MOST_COLUMNS, compare, default_methods
+from sigmapoint.comparison import MOST_COLUMNS, compare, default_methods
 
 LINEAR = {"ekf": sp.ekf(), "srukf": sp.srukf(), "cdkf": sp.cdkf()}
 

@@ -1,8 +1,7 @@
 """Diagnoses say what is true of filters made consistent, overconfident, underconfident, and wrong in known ways."""
 
-import warnings
-
 import dataclasses
+import warnings
 
 import jax
 import jax.numpy as jnp

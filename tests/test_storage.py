@@ -22,7 +22,9 @@ def test_round_trip_keeps_every_bit(tmp_path):
 
 
 def test_a_result_can_be_saved(tmp_path):
-    model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, np.eye(1), np.eye(1), sp.Gaussian(np.zeros(1), np.eye(1)))
+    model = sp.StateSpaceModel(
+        lambda x, u: x, lambda x, u: x, np.eye(1), np.eye(1), sp.Gaussian(np.zeros(1), np.eye(1))
+    )
     post = sp.filter(model, np.ones((4, 1)))
     sp.save(tmp_path / "post", post)
     np.testing.assert_array_equal(sp.load(tmp_path / "post", like=post).mean, post.mean)

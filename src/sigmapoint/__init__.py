@@ -1,10 +1,18 @@
 """Nonlinear estimation with sigma-point Kalman filters: hidden states and parameters, with honest error bars."""
 
-# the model
-# learning the state
+from pathlib import Path
+from typing import Any
+
+# The model
 from sigmapoint.blackbox import blackbox
-from sigmapoint.filtering import filter
+
+# Using it
+from sigmapoint.comparison import Comparison, compare
+from sigmapoint.filtering import FilterState, Info, filter
+
+# Methods: each is one expression over a rule and a kind of belief
 from sigmapoint.methods import (
+    Method,
     augmented,
     cdkf,
     ckf,
@@ -24,7 +32,7 @@ from sigmapoint.methods import (
     ukf,
 )
 from sigmapoint.model import Additive, Gaussian, NonAdditive, StateSpaceModel
-from sigmapoint.online import online
+from sigmapoint.online import OnlineFilter, online
 from sigmapoint.results import Posterior
 from sigmapoint.simulation import simulate
 from sigmapoint.smoothing import rts, smooth
@@ -32,3 +40,57 @@ from sigmapoint.spaces import Manifold, angles
 from sigmapoint.storage import load, save
 
 __version__ = "0.1.0"
+
+
+def report(result: Any, path: Any, **options: Any) -> Path:
+    """Write one self-contained, interactive page about a result; see `sigmapoint.reporting.report` for the options.
+
+    Raises:
+        ImportError: the page needs `pip install sigmapoint[cli]`.
+    """
+    from sigmapoint.reporting import report as write
+
+    return write(result, path, **options)
+
+
+__all__ = [
+    "Additive",
+    "Comparison",
+    "FilterState",
+    "Gaussian",
+    "Info",
+    "Manifold",
+    "Method",
+    "NonAdditive",
+    "OnlineFilter",
+    "Posterior",
+    "StateSpaceModel",
+    "angles",
+    "augmented",
+    "blackbox",
+    "cdkf",
+    "ckf",
+    "compare",
+    "ekf",
+    "extended_set",
+    "filter",
+    "ghkf",
+    "iterated",
+    "julier_ukf",
+    "load",
+    "online",
+    "report",
+    "rts",
+    "save",
+    "simplex_ukf",
+    "simulate",
+    "smooth",
+    "srcdkf",
+    "srckf",
+    "srekf",
+    "srghkf",
+    "srjulier_ukf",
+    "srsimplex_ukf",
+    "srukf",
+    "ukf",
+]

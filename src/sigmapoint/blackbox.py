@@ -96,9 +96,7 @@ def _opaque(box: Blackbox, shape: jax.ShapeDtypeStruct, *args: Any) -> Array:
     return call(*args)
 
 
-def blackbox(
-    function: Callable, *, size: int | None = None, vectorized: bool = False, workers: int = 0
-) -> Blackbox:
+def blackbox(function: Callable, *, size: int | None = None, vectorized: bool = False, workers: int = 0) -> Blackbox:
     """Use a Python, C or any other simulator as `dynamics` or `observation`.
 
     Args:
@@ -129,7 +127,9 @@ def blackbox(
     if workers < 0:
         raise ValueError(f"blackbox: workers must be 0 or more, got {workers}")
     if workers and vectorized:
-        raise ValueError("blackbox: a vectorized function gets all points in one call; give workers or vectorized, not both")
+        raise ValueError(
+            "blackbox: a vectorized function gets all points in one call; give workers or vectorized, not both"
+        )
     return Blackbox(function, size, vectorized, workers)
 
 

@@ -7,8 +7,8 @@ A strategy says which noises have coordinates in the point set, and what a state
 * `Augmented` (Table 7.3.1): the set covers (x, w, v).
 
 Source: Wan & van der Merwe, "The Unscented Kalman Filter" (2001), section 7.3. In the last two the weights are those of
-the whole dimension of the set. Points are kept as values of the state; the coordinates of the noises are constants of the
-rule, so a prediction followed by an update uses one set, and an update that follows another update draws a fresh one.
+the whole dimension of the set. Points are kept as values of the state; the coordinates of the noises are constants of
+the rule, so a prediction followed by an update uses one set, and an update that follows another update draws a fresh one.
 """
 
 from collections.abc import Callable
@@ -37,7 +37,7 @@ class Functions(NamedTuple):
 
 
 class Joint(NamedTuple):
-    """A function's value and the state it was taken at over the same ξ, and the additive noise that is still to come."""
+    """A function's value and the state it was taken at, over the same ξ, and the additive noise still to come."""
 
     value: Linearization
     state: Linearization

@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array
 
 
@@ -27,7 +28,7 @@ def array(name: str, value: Any) -> Array:
 
 def known(value: Any) -> bool:
     """Whether the numbers are there to look at (not a tracer)."""
-    return not isinstance(value, jax.core.Tracer)
+    return not isinstance(value, Tracer)
 
 
 def finite(name: str, value: Any, hint: str = "") -> None:
@@ -36,7 +37,9 @@ def finite(name: str, value: Any, hint: str = "") -> None:
         bad = ~np.isfinite(np.asarray(value))
         if bad.any():
             where = tuple(int(i) for i in np.argwhere(bad)[0])
-            raise ValueError(f"{name} has {bad.sum()} NaN or infinite value(s), the first at index {where}. {hint}".strip())
+            raise ValueError(
+                f"{name} has {bad.sum()} NaN or infinite value(s), the first at index {where}. {hint}".strip()
+            )
 
 
 def covariance(name: str, value: Array, series: bool = False) -> None:
@@ -64,7 +67,9 @@ def covariance(name: str, value: Array, series: bool = False) -> None:
     diagonal = np.einsum("...ii->...i", P)
     if (diagonal < 0).any():
         i = np.argwhere(diagonal < 0)[0][-1]
-        raise ValueError(f"{name} has a negative variance, {diagonal.min():.6g}, at element [{i}, {i}]; it must be >= 0")
+        raise ValueError(
+            f"{name} has a negative variance, {diagonal.min():.6g}, at element [{i}, {i}]; it must be >= 0"
+        )
     correlation = P / np.where(bound > 0, bound, 1.0)
     lowest = np.linalg.eigvalsh((correlation + np.swapaxes(correlation, -1, -2)) / 2).min()
     if lowest < -tol * P.shape[-1] or (np.abs(P)[bound == 0] > 0).any():
@@ -87,7 +92,9 @@ def initial(belief: Any, space: Any) -> None:
         raise ValueError(f"initial.mean must be (n,), got shape {mean.shape}")
     tangent = jax.eval_shape(space.residual, mean, mean).shape[0]
     if cov.shape != (tangent, tangent):
-        raise ValueError(f"initial.cov must be ({tangent}, {tangent}) for a mean of shape {mean.shape}, got {cov.shape}")
+        raise ValueError(
+            f"initial.cov must be ({tangent}, {tangent}) for a mean of shape {mean.shape}, got {cov.shape}"
+        )
 
 
 def names(name: str, given: Any, size: int | None = None, distinct: bool = True) -> tuple[str, ...] | None:

@@ -118,7 +118,7 @@ class Filter(NamedTuple):
         return FilterState(belief, points, step)
 
 
-def filter(  # noqa: A001 (the public name)
+def filter(
     model: StateSpaceModel,
     y: Any,
     u: Any = None,

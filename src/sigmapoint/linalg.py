@@ -5,8 +5,8 @@ need, and each is defined for positive *semi*-definite matrices: a variance of z
 derivatives stay finite there.
 
 Derivative of the triangularisation. With `A = L Q` (Q with orthonormal rows) and `B = dA Qᵀ`, the covariance moves by
-`B Lᵀ + L Bᵀ`. Any antisymmetric `K` may be taken off, `dL = B − L K`, and `K` is chosen row by row so that `dL` is lower
-triangular: the strictly upper part of `K` is that of `L⁻¹B`, by forward substitution in which a zero pivot gives zero.
+`B Lᵀ + L Bᵀ`. Any antisymmetric `K` may be taken off, `dL = B − L K`, and `K` is chosen row by row so that `dL` is
+lower triangular: the strictly upper part of `K` is that of `L⁻¹B`, by forward substitution in which a zero pivot gives zero.
 """
 
 import jax
@@ -85,7 +85,7 @@ def _tria(A: Array, known: Array) -> Array:
 
 @_tria.defjvp
 def _tria_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
-    (A, known), (dA, dknown) = primals, tangents
+    (A, _), (dA, dknown) = primals, tangents
     A, dA = _largest_first(A, A), _largest_first(dA, A)
     Q, R = jnp.linalg.qr(A.T)
     L = R.T * _signs(R)[None, :]

@@ -20,7 +20,6 @@ from sigmapoint.gaussian import Spread
 from sigmapoint.spaces import Euclidean, Space
 
 
-
 class Gaussian(eqx.Module):
     """A Gaussian: `mean` (n,) and `cov` (n, n), symmetric and positive semi-definite.
 
@@ -242,7 +241,7 @@ class StateSpaceModel(eqx.Module):
 
 
 def with_jacobian(function: Callable, jacobian: Callable) -> Callable:
-    """`function(x, ...)` whose derivative in `x` is `jacobian(x, ...)`, exactly as given; other derivatives are kept."""
+    """`function(x, ...)` whose derivative in `x` is `jacobian(x, ...)`, as given; other derivatives are kept."""
 
     def differentiated(x: Array, *rest: Any) -> Array:
         point = jax.lax.stop_gradient(x)

@@ -97,7 +97,7 @@ class Posterior(eqx.Module):
             time: instants (T,), for the horizontal axis.
             truth: true states (T, n), drawn as lines.
         """
-        from sigmapoint.report.axes import plot_states
+        from sigmapoint.reporting.axes import plot_states
 
         return plot_states(self, time, truth)
 
@@ -107,5 +107,7 @@ def series_of(post: Posterior) -> tuple[np.ndarray, np.ndarray]:
     if post.mean is None or post.std is None:
         raise ValueError("this result has no mean or no std: call sp.filter with keep=('mean', 'std', ...)")
     if post.mean.ndim != 2:
-        raise ValueError(f"this result is a batch, mean has shape {post.mean.shape}; pick one with jax.tree.map(lambda a: a[i], post)")
+        raise ValueError(
+            f"this result is a batch, mean has shape {post.mean.shape}; pick one with jax.tree.map(lambda a: a[i], post)"
+        )
     return np.asarray(jax.device_get(post.mean)), np.asarray(jax.device_get(post.std))

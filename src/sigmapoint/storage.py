@@ -68,7 +68,9 @@ def load(path: str | os.PathLike, like: Tree) -> Tree:
     wanted = [jax.tree_util.keystr(where) for where, _ in leaves]
     if paths != wanted:
         different = sorted(set(paths) ^ set(wanted)) or wanted
-        raise ValueError(f"load: {os.fspath(path)} holds another structure than `like`; they differ at {different[0]!r}")
+        raise ValueError(
+            f"load: {os.fspath(path)} holds another structure than `like`; they differ at {different[0]!r}"
+        )
     restored = []
     for i, (where, leaf) in enumerate(leaves):
         array, shape, dtype = stored[f"leaf{i}"], np.shape(leaf), jnp.asarray(leaf).dtype

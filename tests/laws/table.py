@@ -24,5 +24,5 @@ LARGEST = {"ghkf": 5, "sr ghkf": 5}
 
 
 def precision(name: str) -> float:
-    """Relative agreement to ask for: at alpha = 1e-3 differences are formed from values that agree to three digits more."""
+    """Relative agreement to ask for: at alpha = 1e-3 differences come from values that share three more digits."""
     return 1e-6 if "1e-3" in name else 1e-10

@@ -1,4 +1,4 @@
-"""A bearing that crosses ±π again and again gives the answer of the unwrapped one: filter, smoother, likelihood, NIS."""
+"""A bearing that crosses ±π again and again gives the answer of the unwrapped one, forward and backward."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,8 +23,11 @@ def _models():
     }
     plain = sp.StateSpaceModel(f, lambda x, u: x[:1], **parts)
     wrapped = sp.StateSpaceModel(
-        lambda x, u: f(x, u), lambda x, u: jnp.angle(jnp.exp(1j * x[:1])), **parts,
-        state_space=sp.angles(0), observation_space=sp.angles(0),
+        lambda x, u: f(x, u),
+        lambda x, u: jnp.angle(jnp.exp(1j * x[:1])),
+        **parts,
+        state_space=sp.angles(0),
+        observation_space=sp.angles(0),
     )
     return plain, wrapped
 
@@ -39,12 +42,16 @@ def _series():
     return y
 
 
-@pytest.mark.parametrize("method", [sp.ekf(), sp.srukf(), sp.cdkf(), sp.srckf(), sp.srghkf(), sp.augmented(sp.srcdkf()), sp.iterated(sp.srukf(), 3)], ids=str)
+@pytest.mark.parametrize(
+    "method",
+    [sp.ekf(), sp.srukf(), sp.cdkf(), sp.srckf(), sp.srghkf(), sp.augmented(sp.srcdkf()), sp.iterated(sp.srukf(), 3)],
+    ids=str,
+)
 @pytest.mark.parametrize("run", [sp.filter, sp.smooth])
 def test_wrapped_bearing_is_the_unwrapped_one(method, run):
     y = _series()
     wrapped_y = (y + np.pi) % TURN - np.pi
-    assert np.sum(np.abs(np.diff(wrapped_y[~np.isnan(y)])) > 6) >= 100
+    assert np.sum(np.abs(np.diff(wrapped_y[~np.isnan(y)])) > np.pi) >= 100
     plain, wrapped = _models()
     a, b = run(plain, y, None, method), run(wrapped, wrapped_y, None, method)
     difference = np.asarray(a.mean - b.mean)
@@ -60,10 +67,16 @@ def test_a_manifold_of_the_users_own():
     """A positive quantity filtered through its logarithm: retract and residual carry it."""
     log_space = sp.Manifold(lambda a, b: jnp.log(a / b), lambda m, d: m * jnp.exp(d))
     noise = {"process_noise": 0.01 * np.eye(1), "observation_noise": 0.1 * np.eye(1)}
-    direct = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, **noise, initial=sp.Gaussian(np.zeros(1), np.eye(1)))
+    direct = sp.StateSpaceModel(
+        lambda x, u: 0.9 * x, lambda x, u: x, **noise, initial=sp.Gaussian(np.zeros(1), np.eye(1))
+    )
     positive = sp.StateSpaceModel(
-        lambda x, u: x**0.9, lambda x, u: x, **noise, initial=sp.Gaussian(np.ones(1), np.eye(1)),
-        state_space=log_space, observation_space=log_space,
+        lambda x, u: x**0.9,
+        lambda x, u: x,
+        **noise,
+        initial=sp.Gaussian(np.ones(1), np.eye(1)),
+        state_space=log_space,
+        observation_space=log_space,
     )
     y = np.random.default_rng(0).normal(size=(30, 1))
     for run in (sp.filter, sp.smooth):

@@ -46,8 +46,8 @@ def test_saved_loaded_and_continued_is_uninterrupted(name, tmp_path):
 def test_a_row_of_vmap_is_a_single_run():
     batch = np.stack([Y, Y[::-1], np.full_like(Y, np.nan)])
     for method in (sp.ukf(), sp.srcdkf()):
-        together = jax.vmap(lambda y: sp.filter(MODEL, y, None, method))(jnp.asarray(batch))
-        smoothed = jax.vmap(lambda y: sp.smooth(MODEL, y, None, method).mean)(jnp.asarray(batch))
+        together = jax.vmap(lambda y, m=method: sp.filter(MODEL, y, None, m))(jnp.asarray(batch))
+        smoothed = jax.vmap(lambda y, m=method: sp.smooth(MODEL, y, None, m).mean)(jnp.asarray(batch))
         for i, y in enumerate(batch):
             alone = sp.filter(MODEL, y, None, method)
             np.testing.assert_allclose(together.mean[i], alone.mean, rtol=1e-9, atol=1e-9)
@@ -72,7 +72,11 @@ def test_missing_rows_only_predict(name):
 def test_updates_may_come_from_different_sensors_at_any_rate():
     """Two sensors in turn, in one row or in two, give one answer where they are independent and linear."""
     model = sp.StateSpaceModel(
-        lambda x, u: 0.9 * x, lambda x, u: x, 0.1 * jnp.eye(2), jnp.diag(jnp.array([0.3, 0.7])), sp.Gaussian(jnp.zeros(2), jnp.eye(2))
+        lambda x, u: 0.9 * x,
+        lambda x, u: x,
+        0.1 * jnp.eye(2),
+        jnp.diag(jnp.array([0.3, 0.7])),
+        sp.Gaussian(jnp.zeros(2), jnp.eye(2)),
     )
     live = sp.online(model, sp.srcdkf())
     together, _ = live.update(live.init(), [1.0, -2.0])

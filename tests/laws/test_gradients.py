@@ -55,7 +55,9 @@ def _check(method, theta, which):
                 difference = (-11 * at(0) + 18 * at(h) - 9 * at(2 * h) + 2 * at(3 * h)) / (6 * h)
             else:
                 difference = (at(h) - at(-h)) / (2 * h)
-            np.testing.assert_allclose(np.atleast_1d(gradient[name])[i], difference, rtol=1e-5, atol=1e-5, err_msg=f"{name}[{i}]")
+            np.testing.assert_allclose(
+                np.atleast_1d(gradient[name])[i], difference, rtol=1e-5, atol=1e-5, err_msg=f"{name}[{i}]"
+            )
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -8,7 +8,14 @@ from laws.table import LARGEST, METHODS, precision
 import sigmapoint as sp
 
 # Every method in a small, a middle and (for the recommended rules) the largest dimension; the whole table is `slow`.
-QUICK = {"cdkf": (1, 7, 12), "sr cdkf": (1, 4, 12), "sr ekf": (6,), "sr ukf": (1, 8), "augmented": (3,), "sr augmented": (2,)}
+QUICK = {
+    "cdkf": (1, 7, 12),
+    "sr cdkf": (1, 4, 12),
+    "sr ekf": (6,),
+    "sr ukf": (1, 8),
+    "augmented": (3,),
+    "sr augmented": (2,),
+}
 
 
 def _check(name: str, n: int, iterations: int) -> None:
@@ -34,7 +41,9 @@ def test_every_method_is_the_kalman_filter_and_smoother(name):
         _check(name, n, iterations=1)
 
 
-@pytest.mark.parametrize(("name", "iterations"), [("ekf", 2), ("sr ekf", 5), ("ukf", 3), ("sr cdkf", 4), ("sr simplex", 2)])
+@pytest.mark.parametrize(
+    ("name", "iterations"), [("ekf", 2), ("sr ekf", 5), ("ukf", 3), ("sr cdkf", 4), ("sr simplex", 2)]
+)
 def test_iterating_an_update_counts_the_measurement_once(name, iterations):
     _check(name, 3, iterations)
 

@@ -1,4 +1,4 @@
-"""On nonlinear models: dense = square root, each = its textbook form, and where points may be carried without a change."""
+"""On nonlinear models: dense = square root, each = its textbook form, and where carrying points is no change."""
 
 import jax
 import jax.numpy as jnp
@@ -160,8 +160,14 @@ def test_iterated_updates_are_their_textbook_forms():
     f_jacobian = jax.jit(jax.jacfwd(traced.f))
     h_jacobian = jax.jit(jax.jacfwd(traced.h))
     iekf = extended.extended_kalman_filter(
-        problem.f, problem.h, lambda x, u: np.asarray(f_jacobian(jnp.asarray(x), u)),
-        lambda x, u: np.asarray(h_jacobian(jnp.asarray(x), u)), *problem[3:7], y, problem.u, iterations=3,
+        problem.f,
+        problem.h,
+        lambda x, u: np.asarray(f_jacobian(jnp.asarray(x), u)),
+        lambda x, u: np.asarray(h_jacobian(jnp.asarray(x), u)),
+        *problem[3:7],
+        y,
+        problem.u,
+        iterations=3,
     )
     iplf = posterior_linearization.iplf(*problem[1:7], y, problem.u, iterations=3)
     for expected, methods in ((iekf, (sp.ekf(), sp.srekf())), (iplf, (sp.ckf(), sp.srckf()))):
@@ -192,8 +198,13 @@ def test_user_jacobians_give_the_same_extended_filter():
     problem = TRACED["pendulum"]
     _, y = simulate(TEXTBOOK["pendulum"], 0)
     with_own = sp.StateSpaceModel(
-        problem.f, problem.h, problem.Q, problem.R, sp.Gaussian(problem.m0, problem.P0),
-        dynamics_jacobian=jax.jacrev(problem.f), observation_jacobian=jax.jacrev(problem.h),
+        problem.f,
+        problem.h,
+        problem.Q,
+        problem.R,
+        sp.Gaussian(problem.m0, problem.P0),
+        dynamics_jacobian=jax.jacrev(problem.f),
+        observation_jacobian=jax.jacrev(problem.h),
     )
     for method in (sp.ekf(), sp.ukf()):
         a, b = (sp.filter(m, y, None, method) for m in (with_own, _model("pendulum")))

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import pytest
 
 import sigmapoint as sp
-from sigmapoint.report import report
+from sigmapoint.reporting import report
 
 CHROMIUM = shutil.which("chromium")
 FLAGS = (

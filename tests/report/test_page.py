@@ -12,9 +12,9 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 import sigmapoint as sp
-from sigmapoint.report import report
-from sigmapoint.report.axes import plot_states
-from sigmapoint.report.decimate import POINTS, compact, extremes
+from sigmapoint.reporting import report
+from sigmapoint.reporting.axes import plot_states
+from sigmapoint.reporting.decimate import POINTS, compact, extremes
 
 mpl.use("Agg")
 T = 300

@@ -12,8 +12,8 @@ from sigmapoint.cli.data import Clock
 from sigmapoint.cli.errors import InputError, blaming, folder, guarded
 from sigmapoint.cli.expressions import parse_methods
 from sigmapoint.cli.run import Data, Debug, Float32, Model, Out, Smooth, frame_of
-from sigmapoint.compare import Comparison, Row, default_methods
-from sigmapoint.compare import compare as compared
+from sigmapoint.comparison import Comparison, Row, default_methods
+from sigmapoint.comparison import compare as compared
 
 HEADINGS = {
     "coverage_2sigma": "in ±2σ (0.954)",

@@ -18,7 +18,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from sigmapoint.compare import as_text
+from sigmapoint.comparison import as_text
 from sigmapoint.results import Posterior
 from sigmapoint.storage import write_atomically
 
@@ -62,7 +62,7 @@ def page_file(result: Any, **options: Any) -> Writer:
     """Writes the report page of a result."""
 
     def write(file: IO[bytes]) -> None:
-        from sigmapoint.report import report
+        from sigmapoint.reporting import report
 
         with tempfile.TemporaryDirectory() as scratch:
             report(result, Path(scratch) / "report.html", **options)

@@ -20,7 +20,9 @@ class CentralDifference(SigmaPointRule):
 
     def __post_init__(self) -> None:
         if not (self.h >= 1 and np.isfinite(self.h)):
-            raise ValueError(f"h, the central difference interval, must be at least 1 (sqrt(3) is optimal), got {self.h}")
+            raise ValueError(
+                f"h, the central difference interval, must be at least 1 (sqrt(3) is optimal), got {self.h}"
+            )
 
     def sigma_points(self, n: int) -> SigmaPoints:
         weights = np.full(2 * n + 1, 0.5 / self.h**2)

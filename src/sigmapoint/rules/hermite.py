@@ -28,7 +28,7 @@ class GaussHermite(SigmaPointRule):
         if self.order**n > MOST_POINTS:
             raise ValueError(
                 f"Gauss-Hermite of order {self.order} in {n} dimensions has {self.order}**{n} points, more than "
-                f"{MOST_POINTS}; lower the order, or use a rule whose points grow linearly: sp.srcdkf(), sp.ukf(), sp.ckf()"
+                f"{MOST_POINTS}; lower the order, or use sp.srcdkf(), sp.ukf() or sp.ckf(), whose points grow with n"
             )
         nodes, weights = np.polynomial.hermite_e.hermegauss(self.order)
         weights = weights / weights.sum()

@@ -53,7 +53,7 @@ class Rule(Protocol):
     """How a function of a standard normal vector is linearised."""
 
     def __call__(self, g: Callable[[Array], Array], origin: Float[Array, " n"], space: Space) -> Linearization:
-        """Linearise `g` about N(0, I). `origin` is the zero vector (its size and dtype); `space` is that of g's values."""
+        """Linearise `g` about N(0, I). `origin` is a zero vector, for size and dtype; `space` is that of g's values."""
         ...
 
     def about(
@@ -145,10 +145,13 @@ def from_weights(
     return SigmaPoints(points, weights, _behind_centre(phi.T * w), _behind_centre(_compressed(rest) * w))
 
 
-def paired(points: Float[np.ndarray, "p n"], weights: Float[np.ndarray, " p"], even: float, mixed: float) -> SigmaPoints:
+def paired(
+    points: Float[np.ndarray, "p n"], weights: Float[np.ndarray, " p"], even: float, mixed: float
+) -> SigmaPoints:
     """The constants of a symmetric set (`symmetric_points`) whose even parts give E.
 
-    With Dᵢ± the differences at ±ξᵢ: Φᵢ = √(w/2) (Dᵢ₊ − Dᵢ₋), Eᵢ = even·√(w/2) (Dᵢ₊ + Dᵢ₋) + mixed·Σⱼ √(w/2) (Dⱼ₊ + Dⱼ₋).
+    With Dᵢ± the differences at ±ξᵢ: Φᵢ = √(w/2) (Dᵢ₊ − Dᵢ₋) and
+    Eᵢ = even·√(w/2) (Dᵢ₊ + Dᵢ₋) + mixed·Σⱼ √(w/2) (Dⱼ₊ + Dⱼ₋).
     """
     n = points.shape[1]
     root = np.sqrt(weights[1] / 2)

@@ -9,9 +9,9 @@ import numpy as np
 import plotly.graph_objects as go
 
 from sigmapoint.consistency import row_band
-from sigmapoint.report.axes import titled
-from sigmapoint.report.decimate import POINTS, compact, extremes
-from sigmapoint.report.runs import Run, Runs
+from sigmapoint.reporting.axes import titled
+from sigmapoint.reporting.decimate import POINTS, compact, extremes
+from sigmapoint.reporting.runs import Run, Runs
 
 TRUTH, MEASURED = "#e0457b", "#8b95a5"
 FLOOR = 1e-3

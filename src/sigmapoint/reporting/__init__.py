@@ -5,6 +5,6 @@ try:
 except ImportError as error:
     raise ImportError("reports need plotly and scipy: pip install sigmapoint[cli]") from error
 
-from sigmapoint.report.page import report
+from sigmapoint.reporting.page import report
 
 __all__ = ["report"]

@@ -3,8 +3,8 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from sigmapoint.report.figures import MEASURED
-from sigmapoint.report.runs import Run, Runs
+from sigmapoint.reporting.figures import MEASURED
+from sigmapoint.reporting.runs import Run, Runs
 from sigmapoint.whiteness import Element, quantiles
 
 EDGE = 5.0

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from sigmapoint.report.axes import SHOWN
-from sigmapoint.report.figures import error_figure, innovation_figure, measurement_figure, nis_figure, state_figure
-from sigmapoint.report.html import Graphs, badge, card, grid, number, section, table, verdict_list
-from sigmapoint.report.runs import Run, Runs
-from sigmapoint.report.whiteness_figures import autocorrelation_figure, histogram_figure, qq_figure
+from sigmapoint.reporting.axes import SHOWN
+from sigmapoint.reporting.figures import error_figure, innovation_figure, measurement_figure, nis_figure, state_figure
+from sigmapoint.reporting.html import Graphs, badge, card, grid, number, section, table, verdict_list
+from sigmapoint.reporting.runs import Run, Runs
+from sigmapoint.reporting.whiteness_figures import autocorrelation_figure, histogram_figure, qq_figure
 
 BAND = "expected {:.2f} to {:.2f}"
 VIEW = "At first the rarest large values may be out of view: double-click to see all, and again to go back."

@@ -16,10 +16,10 @@ import jax
 import numpy as np
 from plotly.offline import get_plotlyjs
 
-from sigmapoint.report.decimate import POINTS
-from sigmapoint.report.html import Graphs, number, section, table
-from sigmapoint.report.runs import Runs, runs_of
-from sigmapoint.report.sections import accuracy, innovations, nis, states, summary, trust, whiteness
+from sigmapoint.reporting.decimate import POINTS
+from sigmapoint.reporting.html import Graphs, number, section, table
+from sigmapoint.reporting.runs import Runs, runs_of
+from sigmapoint.reporting.sections import accuracy, innovations, nis, states, summary, trust, whiteness
 from sigmapoint.results import Posterior
 from sigmapoint.storage import write_atomically
 from sigmapoint.tables import instants
@@ -59,7 +59,7 @@ def report(
 
     Example:
         >>> import tempfile, pathlib, jax.numpy as jnp, sigmapoint as sp
-        >>> from sigmapoint.report import report
+        >>> from sigmapoint.reporting import report
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
         >>> with tempfile.TemporaryDirectory() as folder:
@@ -120,7 +120,7 @@ def _page(title: str, runs: Runs, tables: Sequence[Any], notes: Sequence[str]) -
 
 
 def _part(name: str) -> str:
-    return files("sigmapoint.report").joinpath(name).read_text(encoding="utf-8")
+    return files("sigmapoint.reporting").joinpath(name).read_text(encoding="utf-8")
 
 
 def _subtitle(runs: Runs) -> str:

@@ -170,7 +170,7 @@ def compare(
 
     Example:
         >>> import jax, jax.numpy as jnp, sigmapoint as sp
-        >>> from sigmapoint.compare import compare
+        >>> from sigmapoint.comparison import compare
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
         >>> x, y = sp.simulate(model, 50, key=jax.random.key(0))
