@@ -31,7 +31,8 @@ from sigmapoint.methods import (
     srukf,
     ukf,
 )
-from sigmapoint.model import Additive, Gaussian, NonAdditive, StateSpaceModel
+from sigmapoint.model import StateSpaceModel
+from sigmapoint.noise import Additive, Gaussian, NonAdditive
 from sigmapoint.online import OnlineFilter, online
 from sigmapoint.results import Posterior
 from sigmapoint.simulation import simulate

@@ -8,7 +8,7 @@ A strategy says which noises have coordinates in the point set, and what a state
 
 Source: Wan & van der Merwe, "The Unscented Kalman Filter" (2001), section 7.3. In the last two the weights are those of
 the whole dimension of the set. Points are kept as values of the state; the coordinates of the noises are constants of
-the rule, so a prediction followed by an update uses one set, and an update that follows another update draws a fresh one.
+the rule. So a prediction and the update after it use one set, and an update after an update draws a fresh one.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint.gaussian import Belief, Spread
-from sigmapoint.model import Entry, Noise
+from sigmapoint.noise import Entry, Noise
 from sigmapoint.rules.linearization import Linearization, Rule
 from sigmapoint.spaces import Space
 

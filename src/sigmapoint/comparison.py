@@ -19,7 +19,8 @@ from sigmapoint import methods as named
 from sigmapoint.checks import array
 from sigmapoint.filtering import filter, prepared
 from sigmapoint.methods import Method
-from sigmapoint.model import NonAdditive, StateSpaceModel
+from sigmapoint.model import StateSpaceModel
+from sigmapoint.noise import NonAdditive
 from sigmapoint.results import Posterior, series_of
 from sigmapoint.rules.hermite import MOST_POINTS
 from sigmapoint.smoothing import smooth as smoothed

@@ -19,7 +19,8 @@ from sigmapoint.gaussian import Belief, covariance
 from sigmapoint.iterate import relinearized
 from sigmapoint.linalg import solve_lower
 from sigmapoint.methods import Method, srcdkf
-from sigmapoint.model import NoiseSeries, StateSpaceModel
+from sigmapoint.model import StateSpaceModel
+from sigmapoint.noise import NoiseSeries
 from sigmapoint.results import FIELDS, Posterior
 
 LOG_2PI = 1.8378770664093453

@@ -3,162 +3,18 @@
     x[k+1] = f(x[k], u[k]) + w[k],      y[k] = h(x[k], u[k]) + v[k]
 
 Row k of measurements, inputs and results belongs to the same instant; `initial` is the belief about x[0] before y[0].
-How a noise enters a function is decided here, once, by the two noise kinds: additive noise can stay outside the sigma
-points (`rest`), non-additive noise always needs coordinates `ξ` of its own.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from sigmapoint import checks
-from sigmapoint.gaussian import Spread
+from sigmapoint.noise import Additive, Gaussian, NonAdditive
 from sigmapoint.spaces import Euclidean, Space
-
-
-class Gaussian(eqx.Module):
-    """A Gaussian: `mean` (n,) and `cov` (n, n), symmetric and positive semi-definite.
-
-    Raises:
-        ValueError: a shape that does not fit, a covariance that is not symmetric or not positive semi-definite, NaN.
-
-    Example:
-        >>> import jax.numpy as jnp, sigmapoint as sp
-        >>> sp.Gaussian(jnp.zeros(2), jnp.eye(2)).cov.shape
-        (2, 2)
-    """
-
-    mean: Float[Array, "*T n"]
-    cov: Float[Array, "*T c c"]
-
-    def __init__(self, mean: Any, cov: Any):
-        self.mean = checks.array("mean", mean)
-        self.cov = checks.array("cov", cov)
-        checks.covariance("cov", self.cov)
-        if self.mean.ndim < 1 or self.cov.ndim < 2:
-            raise ValueError(f"Gaussian: mean must be (n,) and cov (n, n), got {self.mean.shape} and {self.cov.shape}")
-        checks.finite("mean", self.mean)
-
-
-class Entry(NamedTuple):
-    """How a noise enters a function: through `size` coordinates ξ of the points, the `rest` added afterwards."""
-
-    size: int
-    call: Callable[[Array, Any, Array], Array]
-    rest: Spread | None
-
-
-@runtime_checkable
-class Noise(Protocol):
-    """A noise at one instant, as the filters see it."""
-
-    def within(self, f: Callable, space: Space) -> Entry:
-        """`f` with as little noise in the points as possible."""
-        ...
-
-    def through(self, f: Callable, space: Space) -> Entry:
-        """`f` with all of the noise in the points."""
-        ...
-
-
-class AdditiveNoise(NamedTuple):
-    """`f(x, u) + w`, `w ~ N(mean, spread)`."""
-
-    mean: Float[Array, " q"]
-    spread: Spread
-
-    def within(self, f: Callable, space: Space) -> Entry:
-        return Entry(0, lambda x, u, xi: space.retract(f(x, u), self.mean), self.spread)
-
-    def through(self, f: Callable, space: Space) -> Entry:
-        def call(x: Array, u: Any, xi: Array) -> Array:
-            return space.retract(f(x, u), self.mean + self.spread.factor @ xi)
-
-        return Entry(self.mean.shape[0], call, None)
-
-
-class StackedNoise(NamedTuple):
-    """`f(x, u, w)`, `w ~ N(mean, spread)`."""
-
-    mean: Float[Array, " q"]
-    spread: Spread
-
-    def within(self, f: Callable, space: Space) -> Entry:
-        return self.through(f, space)
-
-    def through(self, f: Callable, space: Space) -> Entry:
-        return Entry(self.mean.shape[0], lambda x, u, xi: f(x, u, self.mean + self.spread.factor @ xi), None)
-
-
-class Additive(eqx.Module):
-    """Noise added to a function's value: covariance (q, q), or (T, q, q) with one for each instant, and a mean."""
-
-    mean: Float[Array, "*T q"]
-    cov: Float[Array, "*T q q"]
-
-    def __init__(self, cov: Any, mean: Any = None):
-        self.cov, self.mean = _noise_arrays(cov, mean)
-
-    kind = AdditiveNoise
-
-    def fits(self, name: str, size: int, what: str) -> None:
-        """Raise where the covariance has not the size of what it is added to."""
-        if self.cov.shape[-1] != size:
-            raise ValueError(
-                f"{name} must be ({size}, {size}) or (T, {size}, {size}) for a {what} of {size} element(s), got shape "
-                f"{self.cov.shape}; for noise that enters otherwise use sp.NonAdditive(cov)"
-            )
-
-
-class NonAdditive(eqx.Module):
-    """Noise as a third argument, `f(x, u, w)`: covariance (q, q), or (T, q, q) with one for each instant, and a mean.
-
-    Args:
-        cov: covariance of the noise; its size q is that of the argument `w`.
-        mean: its mean (q,) or (T, q); zero where not given.
-
-    Example:
-        >>> import jax.numpy as jnp, sigmapoint as sp
-        >>> model = sp.StateSpaceModel(
-        ...     dynamics=lambda x, u, w: x * jnp.exp(w), observation=lambda x, u: x,
-        ...     process_noise=sp.NonAdditive(0.01 * jnp.eye(1)), observation_noise=jnp.eye(1),
-        ...     initial=sp.Gaussian(jnp.ones(1), jnp.eye(1)))
-    """
-
-    mean: Float[Array, "*T q"]
-    cov: Float[Array, "*T q q"]
-
-    def __init__(self, cov: Any, mean: Any = None):
-        self.cov, self.mean = _noise_arrays(cov, mean)
-
-    kind = StackedNoise
-
-    def fits(self, name: str, size: int, what: str) -> None:
-        """Any size fits: the model's function says how the noise enters."""
-
-
-class NoiseSeries(NamedTuple):
-    """A noise made ready for a run: factored once, looked up by instant."""
-
-    kind: type
-    mean: Float[Array, "*T q"]
-    spread: Spread
-
-    @classmethod
-    def of(cls, noise: Additive | NonAdditive, dtype: Any) -> "NoiseSeries":
-        cov = noise.cov.astype(dtype)
-        spread = jax.vmap(Spread.of)(cov) if cov.ndim == 3 else Spread.of(cov)
-        return cls(noise.kind, noise.mean.astype(dtype), spread)
-
-    def at(self, k: Array) -> Noise:
-        """The noise at instant `k`; past the end of a time-varying one, its last."""
-        mean = self.mean[k] if self.mean.ndim == 2 else self.mean
-        spread = jax.tree.map(lambda a: a[k], self.spread) if self.spread.cov.ndim == 3 else self.spread
-        return self.kind(mean, spread)
 
 
 class StateSpaceModel(eqx.Module):
@@ -258,14 +114,3 @@ def _noise(name: str, noise: Any) -> Additive | NonAdditive:
     cov = checks.array(name, noise)
     checks.covariance(name, cov, series=True)
     return Additive(cov)
-
-
-def _noise_arrays(cov: Any, mean: Any) -> tuple[Array, Array]:
-    if isinstance(cov, Gaussian):
-        cov, mean = cov.cov, cov.mean
-    cov = checks.array("cov", cov)
-    checks.covariance("cov", cov, series=True)
-    mean = jnp.zeros(cov.shape[-1:], cov.dtype) if mean is None else checks.array("mean", mean)
-    if mean.shape[-1:] != cov.shape[-1:] or mean.ndim > 2:
-        raise ValueError(f"mean of a noise must be ({cov.shape[-1]},) as its covariance, got shape {mean.shape}")
-    return cov, mean

@@ -108,6 +108,6 @@ def series_of(post: Posterior) -> tuple[np.ndarray, np.ndarray]:
         raise ValueError("this result has no mean or no std: call sp.filter with keep=('mean', 'std', ...)")
     if post.mean.ndim != 2:
         raise ValueError(
-            f"this result is a batch, mean has shape {post.mean.shape}; pick one with jax.tree.map(lambda a: a[i], post)"
+            f"this result is a batch, mean has shape {post.mean.shape}; take one: jax.tree.map(lambda a: a[i], post)"
         )
     return np.asarray(jax.device_get(post.mean)), np.asarray(jax.device_get(post.std))
