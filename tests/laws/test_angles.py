@@ -6,7 +6,7 @@ import pytest
 
 import sigmapoint as sp
 
-T = 2000
+T = 4000
 TURN = 2 * np.pi
 
 
