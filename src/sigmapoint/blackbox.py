@@ -114,7 +114,7 @@ def blackbox(function: Callable, *, size: int | None = None, vectorized: bool = 
     Raises:
         ValueError: workers below zero, or together with `vectorized`.
 
-    Example:
+    Examples:
         >>> import jax.numpy as jnp, numpy as np, sigmapoint as sp
         >>> step = sp.blackbox(lambda x, u: np.array([0.9 * x[0]]))
         >>> model = sp.StateSpaceModel(step, lambda x, u: x, jnp.eye(1), jnp.eye(1),

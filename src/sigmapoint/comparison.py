@@ -155,7 +155,9 @@ def compare(
     """Run several methods on the same series and put them side by side.
 
     Args:
-        model, y, u: as for `filter`.
+        model: the model.
+        y: measurements (T, m); NaN where an element was not measured.
+        u: inputs, any pytree of arrays with leading axis T, or nothing.
         methods: name -> method; the eleven standard ones where not given.
         truth: true states (T, n), in the units of the state; NaN where not known.
         smooth: judge smoothed in place of filtered estimates (innovations are the filter's in both cases).
@@ -169,7 +171,7 @@ def compare(
     Raises:
         ValueError: measurements, inputs or truth that do not fit the model, or no methods.
 
-    Example:
+    Examples:
         >>> import jax, jax.numpy as jnp, sigmapoint as sp
         >>> from sigmapoint.comparison import compare
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),

@@ -74,7 +74,7 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
         ValueError: a field was not kept; a batch of results; a truth of another shape.
         ImportError: scipy is not installed (`pip install sigmapoint[cli]`).
 
-    Example:
+    Examples:
         >>> import jax, jax.numpy as jnp, sigmapoint as sp
         >>> from sigmapoint.diagnostics import diagnose
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),

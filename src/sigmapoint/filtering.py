@@ -143,7 +143,7 @@ def filter(
     Raises:
         ValueError: shapes that do not fit, NaN in `u`, infinite measurements, an unknown name in `keep`.
 
-    Example:
+    Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))

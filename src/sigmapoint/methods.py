@@ -57,7 +57,7 @@ def ukf(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> Method:
     Raises:
         ValueError: settings whose covariance can lose positive definiteness.
 
-    Example:
+    Examples:
         >>> import sigmapoint as sp
         >>> sp.ukf(alpha=1e-3).rule.kappa
         0.0

@@ -32,12 +32,15 @@ class StateSpaceModel(eqx.Module):
         observation_space: likewise for measurements.
         dynamics_jacobian: `(x, u) -> (n, n)`, used in place of automatic derivatives by first-order methods.
         observation_jacobian: `(x, u) -> (m, n)`, likewise.
-        state_names, state_units, observation_names, observation_units: for tables, files and plots.
+        state_names: one name for each state, for tables, files and plots.
+        state_units: their units.
+        observation_names: one name for each measured quantity.
+        observation_units: their units.
 
     Raises:
         ValueError: a shape that does not fit; a covariance that is not symmetric or not positive semi-definite.
 
-    Example:
+    Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> model = sp.StateSpaceModel(
         ...     dynamics=lambda x, u: jnp.stack([x[0] + 0.1 * x[1], x[1] - 0.1 * jnp.sin(x[0])]),

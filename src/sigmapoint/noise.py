@@ -23,7 +23,7 @@ class Gaussian(eqx.Module):
     Raises:
         ValueError: a shape that does not fit, a covariance that is not symmetric or not positive semi-definite, NaN.
 
-    Example:
+    Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> sp.Gaussian(jnp.zeros(2), jnp.eye(2)).cov.shape
         (2, 2)
@@ -118,7 +118,7 @@ class NonAdditive(eqx.Module):
         cov: covariance of the noise; its size q is that of the argument `w`.
         mean: its mean (q,) or (T, q); zero where not given.
 
-    Example:
+    Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> model = sp.StateSpaceModel(
         ...     dynamics=lambda x, u, w: x * jnp.exp(w), observation=lambda x, u: x,

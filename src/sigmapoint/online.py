@@ -56,7 +56,7 @@ def online(model: StateSpaceModel, method: Method | None = None) -> OnlineFilter
         model: the model. A time-varying noise is looked up by the state's `step`; past its end the last one holds.
         method: as for `filter`.
 
-    Example:
+    Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))

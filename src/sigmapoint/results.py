@@ -79,7 +79,7 @@ class Posterior(eqx.Module):
             ValueError: `time` of another length; a batch of results (pick one first).
             ImportError: xarray is not installed (`pip install sigmapoint[cli]`).
 
-        Example:
+        Examples:
             >>> import jax.numpy as jnp, sigmapoint as sp
             >>> model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
             ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)), state_names=("level",))

@@ -31,7 +31,7 @@ def simulate(
     Raises:
         ValueError: T below 1, inputs that do not fit.
 
-    Example:
+    Examples:
         >>> import jax, jax.numpy as jnp, sigmapoint as sp
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))

@@ -70,8 +70,12 @@ def smooth(
     """Estimate the states of a model from measurements, each from all of them.
 
     Args:
-        model, y, u, method, keep: as for `filter`.
+        model: the model.
+        y: measurements (T, m); NaN where an element was not measured.
+        u: inputs, any pytree of arrays with leading axis T, or nothing.
+        method: as for `filter`.
         smoother: how; `rts()` where not given.
+        keep: as for `filter`.
 
     Returns:
         A `Posterior` whose `mean`, `cov`, `std` are smoothed; innovations, NIS and likelihood are those of the filter.
@@ -79,7 +83,7 @@ def smooth(
     Raises:
         ValueError: as `filter`.
 
-    Example:
+    Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))

@@ -62,7 +62,7 @@ class Manifold:
     The vector may be shorter than the point (a unit quaternion has 4 elements and 3 degrees of freedom): covariances
     then have the size of the vector.
 
-    Example:
+    Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> positive = sp.Manifold(lambda a, b: jnp.log(a / b), lambda m, d: m * jnp.exp(d))
         >>> float(positive.retract(jnp.array([2.0]), jnp.array([0.0]))[0])
@@ -80,7 +80,7 @@ def angles(*indices: int, period: float = 2 * jnp.pi) -> Angles:
         indices: positions of the angles in the vector.
         period: a full turn, in the unit of the element: 2π for radians (default), 360 for degrees.
 
-    Example:
+    Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> bearing = sp.angles(0, period=360.0)
         >>> float(bearing.residual(jnp.array([179.0]), jnp.array([-179.0]))[0])

@@ -30,7 +30,7 @@ def save(path: str | os.PathLike, tree: Any) -> None:
         OSError: the place cannot be written, or the disk is full; what was at `path` stays as it was.
         ValueError: a leaf that is not an array or number.
 
-    Example:
+    Examples:
         >>> import tempfile, pathlib, jax.numpy as jnp, sigmapoint as sp
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     sp.save(pathlib.Path(folder) / "state.npz", {"a": jnp.arange(3.0)})

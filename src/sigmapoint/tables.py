@@ -26,7 +26,7 @@ def to_xarray(post: Posterior, time: Any = None) -> Any:
         ValueError: `time` of another length; a batch of results.
         ImportError: xarray is not installed.
 
-    Example:
+    Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)), state_names=("level",))
@@ -90,7 +90,7 @@ def to_frame(post: Posterior, time: Any = None) -> Any:
         ValueError: `time` of another length; a batch of results.
         ImportError: pandas is not installed.
 
-    Example:
+    Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)), state_names=("level",))

@@ -27,7 +27,7 @@ def parse_method(text: str) -> Method:
     Raises:
         InputError: an unknown name (with the list of names), or anything but names, calls and numbers.
 
-    Example:
+    Examples:
         >>> parse_method("iterated(srukf(), 3)").iterations
         3
     """

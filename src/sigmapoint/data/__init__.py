@@ -51,7 +51,7 @@ def load_leaf(temperature: int) -> Log:
 
     Source: Wiggins, Allu & Wang (2019), doi 10.5281/zenodo.2580327.
 
-    Example:
+    Examples:
         >>> load_leaf(25).voltage[0]
         np.float64(3.327)
     """

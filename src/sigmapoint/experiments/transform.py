@@ -76,7 +76,7 @@ def transform(
         g: a function of one vector.
         mean, factor: of the prior; the factor is lower triangular.
 
-    Example:
+    Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> from sigmapoint.experiments.transform import transform
         >>> float(transform(sp.cdkf().rule, jnp.square, jnp.zeros(1), 2 * jnp.eye(1)).mean[0].round(4))

@@ -193,7 +193,7 @@ def model(cell: Cell, u: dict[str, Float[np.ndarray, "T"]], soc: float, soc_std:
         A model with the states ``soc`` [1], ``fast`` [V], ``slow`` [V], ``table`` [1], ``log_resistance`` [1], and the
         terminal voltage [V] as the one observation.
 
-    Example:
+    Examples:
         >>> log = load_leaf(25)
         >>> u = inputs(log)
         >>> post = sp.filter(model(cell, u, soc=0.5), log.voltage[:, None], u, method=sp.srcdkf())

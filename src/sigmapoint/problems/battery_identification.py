@@ -83,7 +83,7 @@ def identify(logs: Sequence[Log], temperature: float) -> Cell:
     Raises:
         ValueError: if fewer than two temperatures are given.
 
-    Example:
+    Examples:
         >>> round(identify([load_leaf(10), load_leaf(40)], temperature=25).capacity, 1)
         30.5
     """

@@ -51,7 +51,7 @@ def model() -> sp.StateSpaceModel:
     Returns:
         A model with one state and one measurement.
 
-    Example:
+    Examples:
         >>> import jax, sigmapoint as sp
         >>> from sigmapoint.problems import scalar
         >>> x, z = sp.simulate(scalar.model(), scalar.STEPS, key=jax.random.key(0))

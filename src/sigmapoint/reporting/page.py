@@ -57,7 +57,7 @@ def report(
         ValueError: a batch of results; results of different series; `time` or `truth` of another shape.
         OSError: the file cannot be written; what was there stays as it was.
 
-    Example:
+    Examples:
         >>> import tempfile, pathlib, jax.numpy as jnp, sigmapoint as sp
         >>> from sigmapoint.reporting import report
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
