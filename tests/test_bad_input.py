@@ -112,6 +112,27 @@ CASES = {
     "augmented and iterated": (lambda: sp.augmented(sp.iterated(sp.ukf(), 2)), "iterated"),
     "simulate nothing": (lambda: sp.simulate(model(), 0, key=jax.random.key(0)), "T must be"),
     "Hermite in many dimensions": (lambda: sp.filter(_wide(), np.ones((2, 1)), None, sp.ghkf()), "points"),
+    "method without parentheses": (
+        lambda: sp.filter(model(), np.ones((3, 1)), None, sp.ukf),
+        r"method must be a sp.Method.*sp.ukf\(\)",
+    ),
+    "method in the place of u": (lambda: sp.filter(model(), np.ones((3, 1)), sp.ukf()), "u must be an array"),
+    "space a string": (lambda: model(state_space="angles"), "state_space must be sp.angles"),
+    "angle of an element that is not there": (
+        lambda: model(state_space=sp.angles(7)),
+        "state_space names the elements",
+    ),
+    "angle of a measurement that is not there": (
+        lambda: run(observation_space=sp.angles(1)),
+        "observation_space names",
+    ),
+    "Jacobian not a function": (lambda: model(dynamics_jacobian=EYE2), "dynamics_jacobian must be a function"),
+    "Jacobian of the wrong shape": (
+        lambda: run(dynamics_jacobian=lambda x, u: jnp.ones((1, 2))),
+        r"dynamics_jacobian must return an array of shape \(2, 2\)",
+    ),
+    "observation names too many": (lambda: run(observation_names=("a", "b")), "observation_names must be 1 string"),
+    "simulate a number": (lambda: sp.simulate(5, 3, key=jax.random.key(0)), "model must be"),
     "angles without indices": (lambda: sp.angles(), "angles"),
 }
 

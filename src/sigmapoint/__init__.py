@@ -1,16 +1,11 @@
-"""Nonlinear estimation with sigma-point Kalman filters: hidden states and parameters, with honest error bars."""
+"""Nonlinear estimation with sigma-point Kalman filters: hidden states from noisy data, with honest error bars."""
 
 from pathlib import Path
 from typing import Any
 
-# The model
 from sigmapoint.blackbox import blackbox
-
-# Using it
 from sigmapoint.comparison import Comparison, compare
 from sigmapoint.filtering import FilterState, Info, filter
-
-# Methods: each is one expression over a rule and a kind of belief
 from sigmapoint.methods import (
     Method,
     augmented,

@@ -3,7 +3,7 @@
 Values are looked at only where they are known: under `jax.jit`, `grad` or `vmap` only shapes are checked.
 """
 
-from collections.abc import Callable
+import operator
 from typing import Any
 
 import jax
@@ -19,11 +19,38 @@ def array(name: str, value: Any) -> Array:
         made = jnp.asarray(value)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__}: {error}") from error
-    if jnp.issubdtype(made.dtype, jnp.complexfloating) or made.dtype == object:
+    if jnp.issubdtype(made.dtype, jnp.complexfloating):
         raise ValueError(f"{name} must be real, got {made.dtype}")
     if not jnp.issubdtype(made.dtype, jnp.floating):
         made = made.astype(float)
     return made
+
+
+def whole(name: str, value: Any, least: int) -> int:
+    """A whole number of at least `least`."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = None
+    if number is None or number < least:
+        raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
+    return number
+
+
+def instance(name: str, value: Any, kind: type) -> None:
+    """An object of a class of this library."""
+    if not isinstance(value, kind):
+        hint = f"; call it: {name}=sp.{value.__name__}()" if callable(value) and hasattr(value, "__name__") else ""
+        raise ValueError(f"{name} must be a sp.{kind.__name__}, got {type(value).__name__}{hint}")
+
+
+def space(name: str, value: Any, size: int | None) -> None:
+    """Something with `residual` and `retract`; of angles, each an element of a vector of that size."""
+    if not (callable(getattr(value, "residual", None)) and callable(getattr(value, "retract", None))):
+        raise ValueError(f"{name} must be sp.angles(...) or a sp.Manifold, got {value!r}")
+    indices = getattr(value, "indices", ())
+    if size is not None and any(not -size <= i < size for i in indices):
+        raise ValueError(f"{name} names the elements {indices}, but there are {size}: 0 to {size - 1}")
 
 
 def known(value: Any) -> bool:
@@ -81,7 +108,7 @@ def covariance(name: str, value: Array, series: bool = False) -> None:
 def callables(**functions: Any) -> None:
     """Each is a function."""
     for name, function in functions.items():
-        if not isinstance(function, Callable):
+        if not callable(function):
             raise ValueError(f"{name} must be a function of (x, u), got {type(function).__name__}")
 
 
@@ -142,7 +169,10 @@ def inputs(u: Any, T: int | None, dtype: Any) -> Any:
 
     def leaf(path: Any, value: Any) -> Array:
         name = "u" + jax.tree_util.keystr(path)
-        made = jnp.asarray(value)
+        try:
+            made = jnp.asarray(value)
+        except TypeError as error:
+            raise ValueError(f"{name} must be an array, got {type(value).__name__}") from error
         if T is not None and (made.ndim == 0 or made.shape[0] != T):
             raise ValueError(f"{name} must have one row for each of the {T} rows of y, got shape {made.shape}")
         if jnp.issubdtype(made.dtype, jnp.floating):

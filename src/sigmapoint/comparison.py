@@ -181,8 +181,10 @@ def compare(
         >>> [row["method"] for row in table.rows]
         ['ekf', 'ukf']
     """
-    y, u = prepared(model, y, u)
+    y, u, _ = prepared(model, y, u)
     states = known_truth(model, truth, y.shape[0])
+    if methods is not None and not isinstance(methods, Mapping):
+        raise ValueError(f"methods must be a dict of name to method, got {type(methods).__name__}")
     if methods is not None and not methods:
         raise ValueError("methods is empty: give a dict such as {'ekf': sp.ekf(), 'srcdkf': sp.srcdkf()}")
     estimate = smoothed if smooth else filter

@@ -21,7 +21,7 @@ from sigmapoint.linalg import solve_lower
 from sigmapoint.methods import Method, srcdkf
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import NoiseSeries
-from sigmapoint.results import FIELDS, Posterior
+from sigmapoint.results import FIELDS, Labels, Posterior
 
 LOG_2PI = 1.8378770664093453
 
@@ -151,19 +151,22 @@ def filter(
         >>> post.mean.shape, post.log_likelihood.shape
         ((3, 1), ())
     """
-    y, u = prepared(model, y, u)
+    y, u, method = prepared(model, y, u, method)
     keep = checks.selection("keep", keep, FIELDS)
-    kept = guarded(_filter, model, y, u, method or srcdkf(), keep)
+    kept = guarded(_filter, model, y, u, method, keep)
     return Posterior.of(model, y, u, kept)
 
 
-def prepared(model: StateSpaceModel, y: Any, u: Any) -> tuple[Array, Any]:
-    """Checked measurements and inputs."""
-    if not isinstance(model, StateSpaceModel):
-        raise ValueError(f"model must be a sp.StateSpaceModel, got {type(model).__name__}")
+def prepared(model: StateSpaceModel, y: Any, u: Any, method: Method | None = None) -> tuple[Array, Any, Method]:
+    """Checked measurements and inputs, and the method or its default."""
+    method = srcdkf() if method is None else method
+    checks.instance("model", model, StateSpaceModel)
+    checks.instance("method", method, Method)
     y, u = checks.series(y, u, model.initial.mean.dtype)
+    checks.space("observation_space", model.observation_space, y.shape[1])
+    Labels.of(model, y.shape[1])
     checks.long_enough(y.shape[0], process_noise=model.process_noise, observation_noise=model.observation_noise)
-    return y, u
+    return y, u, method
 
 
 @eqx.filter_jit

@@ -1,6 +1,6 @@
 """Small linear algebra on covariance factors that never breaks.
 
-A covariance `P` is carried as a lower factor `L` with `P = L Lᵀ`. The four operations here are all that the filters
+A covariance `P` is carried as a lower factor `L` with `P = L Lᵀ`. The operations here are all that the filters
 need, and each is defined for positive *semi*-definite matrices: a variance of zero gives a zero column, not a NaN, and
 derivatives stay finite there.
 

@@ -5,16 +5,18 @@
 | `ekf` | first-order Taylor | 1, and n derivatives |
 | `ukf` | scaled unscented | 2n+1 |
 | `julier_ukf` | unscented, free centre weight | 2n+1 |
-| `simplex_ukf` | reduced simplex | n+1, or n+2 |
+| `simplex_ukf` | reduced simplex | n+2 (the centre may have no weight) |
 | `cdkf` | central differences | 2n+1 |
-| `ckf` | cubature | 2n |
+| `ckf` | cubature | 2n+1 (the centre has no weight) |
 | `ghkf` | Gauss-Hermite product | orderⁿ |
 
 Those with `sr` before the name carry a square root of the covariance in place of the covariance.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from sigmapoint import checks
 from sigmapoint.carry import Augmented, Carry, ExtendedSet, Redraw
 from sigmapoint.gaussian import Belief, Dense, SquareRoot
 from sigmapoint.rules.central import CentralDifference
@@ -81,7 +83,7 @@ def srjulier_ukf(w0: float = 1 / 3) -> Method:
 
 
 def simplex_ukf(alpha: float = 1.0, beta: float = 1.0, w0: float = 0.0) -> Method:
-    """Unscented filter on the fewest points: n+1 (`w0` = 0) or n+2 (Julier 2003). Exact for means to second degree."""
+    """Unscented filter on the fewest points, n+1 and the centre (Julier 2003); means to second degree only."""
     return Method(Simplex(float(alpha), float(beta), float(w0)), Dense)
 
 
@@ -120,6 +122,16 @@ def srghkf(order: int = 3) -> Method:
     return Method(GaussHermite(order), SquareRoot)
 
 
+METHODS: dict[str, Callable[..., Method]] = {
+    make.__name__: make
+    for make in (
+        *(ekf, srekf, ukf, srukf, julier_ukf, srjulier_ukf, simplex_ukf, srsimplex_ukf),
+        *(cdkf, srcdkf, ckf, srckf, ghkf, srghkf),
+    )
+}
+"""Every method by its name, for the command line and for tables; each can be made without arguments."""
+
+
 def iterated(method: Method, iterations: int = 3) -> Method:
     """The same filter with its measurement update iterated.
 
@@ -134,15 +146,14 @@ def iterated(method: Method, iterations: int = 3) -> Method:
     Raises:
         ValueError: fewer than one pass, or a method that carries points.
     """
-    if not (isinstance(iterations, int) and iterations >= 1):
-        raise ValueError(f"iterations must be a whole number of at least 1, got {iterations!r}")
+    iterations = checks.whole("iterations", iterations, 1)
     if iterations > 1 and not isinstance(method.carry, Redraw):
         raise ValueError("iterated: a method that carries one point set through f and h cannot draw a new one for h")
     return replace(method, iterations=iterations)
 
 
 def augmented(method: Method) -> Method:
-    """One point set for (x, v, n) through both f and h (Wan & van der Merwe 2001, Table 7.3.1).
+    """One point set for state and both noises through f and h (Wan & van der Merwe 2001, Table 7.3.1).
 
     For `ekf` nothing changes: a derivative at the mean has no points to carry.
     """

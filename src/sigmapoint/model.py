@@ -86,10 +86,12 @@ class StateSpaceModel(eqx.Module):
         self.process_noise = _noise("process_noise", process_noise)
         self.observation_noise = _noise("observation_noise", observation_noise)
         self.initial = initial
-        self.dynamics = with_jacobian(dynamics, dynamics_jacobian) if dynamics_jacobian else dynamics
-        self.observation = with_jacobian(observation, observation_jacobian) if observation_jacobian else observation
-        self.state_space = state_space or Euclidean()
-        self.observation_space = observation_space or Euclidean()
+        self.dynamics = with_jacobian("dynamics_jacobian", dynamics, dynamics_jacobian)
+        self.observation = with_jacobian("observation_jacobian", observation, observation_jacobian)
+        self.state_space = Euclidean() if state_space is None else state_space
+        self.observation_space = Euclidean() if observation_space is None else observation_space
+        checks.space("state_space", self.state_space, initial.mean.shape[-1])
+        checks.space("observation_space", self.observation_space, None)
         checks.initial(initial, self.state_space)
         self.process_noise.fits("process_noise", initial.cov.shape[-1], "state")
         n = initial.mean.shape[-1]
@@ -99,12 +101,18 @@ class StateSpaceModel(eqx.Module):
         self.observation_units = checks.names("observation_units", observation_units, distinct=False)
 
 
-def with_jacobian(function: Callable, jacobian: Callable) -> Callable:
-    """`function(x, ...)` whose derivative in `x` is `jacobian(x, ...)`, as given; other derivatives are kept."""
+def with_jacobian(name: str, function: Callable, jacobian: Callable | None) -> Callable:
+    """`function(x, ...)` whose derivative in `x` is `jacobian(x, u)`, where given; its other derivatives are kept."""
+    if jacobian is None:
+        return function
+    checks.callables(**{name: jacobian})
 
     def differentiated(x: Array, *rest: Any) -> Array:
         point = jax.lax.stop_gradient(x)
-        return function(point, *rest) + jacobian(point, *rest[:1]) @ (x - point)
+        value = function(point, *rest)
+        shape = (value.shape[0], x.shape[0])
+        slope = checks.returned(name, jacobian(point, *rest[:1]), shape, "one row for each element of the value")
+        return value + slope @ (x - point)
 
     return differentiated
 

@@ -36,8 +36,8 @@ class Gaussian(eqx.Module):
         self.mean = checks.array("mean", mean)
         self.cov = checks.array("cov", cov)
         checks.covariance("cov", self.cov)
-        if self.mean.ndim < 1 or self.cov.ndim < 2:
-            raise ValueError(f"Gaussian: mean must be (n,) and cov (n, n), got {self.mean.shape} and {self.cov.shape}")
+        if self.mean.ndim != 1:
+            raise ValueError(f"mean must be (n,), got shape {self.mean.shape}")
         checks.finite("mean", self.mean)
 
 
@@ -164,6 +164,7 @@ def _noise_arrays(cov: Any, mean: Any) -> tuple[Array, Array]:
     cov = checks.array("cov", cov)
     checks.covariance("cov", cov, series=True)
     mean = jnp.zeros(cov.shape[-1:], cov.dtype) if mean is None else checks.array("mean", mean)
+    checks.finite("mean", mean)
     if mean.shape[-1:] != cov.shape[-1:] or mean.ndim > 2:
         raise ValueError(f"mean of a noise must be ({cov.shape[-1]},) as its covariance, got shape {mean.shape}")
     return cov, mean

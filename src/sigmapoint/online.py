@@ -67,9 +67,10 @@ def online(model: StateSpaceModel, method: Method | None = None) -> OnlineFilter
         >>> s.mean.shape, s.cov.shape, s.std.shape
         ((1,), (1, 1), (1,))
     """
-    if not isinstance(model, StateSpaceModel):
-        raise ValueError(f"model must be a sp.StateSpaceModel, got {type(model).__name__}")
-    return OnlineFilter(model, method or srcdkf())
+    method = srcdkf() if method is None else method
+    checks.instance("model", model, StateSpaceModel)
+    checks.instance("method", method, Method)
+    return OnlineFilter(model, method)
 
 
 @eqx.filter_jit

@@ -47,7 +47,7 @@ class Posterior(eqx.Module):
         innovation: measurement minus its prediction (T, m); NaN where not measured.
         innovation_cov: covariance of the predicted measurement (T, m, m), of all elements, measured or not.
         nis: normalised innovation squared (T,); in a consistent filter chi-squared with as many degrees of freedom as
-            elements were measured.
+            elements were measured, and 0 where none was.
         y, u: what went in.
     """
 
@@ -83,7 +83,7 @@ class Posterior(eqx.Module):
             >>> import jax.numpy as jnp, sigmapoint as sp
             >>> model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
             ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)), state_names=("level",))
-            >>> list(sp.filter(model, jnp.ones((5, 1))).to_xarray().state.values)
+            >>> sp.filter(model, jnp.ones((5, 1))).to_xarray().state.values.tolist()
             ['level']
         """
         from sigmapoint.tables import to_xarray

@@ -39,8 +39,8 @@ def simulate(
         >>> x.shape, y.shape
         ((100, 1), (100, 1))
     """
-    if not (isinstance(T, int) and T >= 1):
-        raise ValueError(f"T must be a whole number of at least 1, got {T!r}")
+    checks.instance("model", model, StateSpaceModel)
+    T = checks.whole("T", T, 1)
     u = checks.inputs(u, T, model.initial.mean.dtype)
     checks.long_enough(T, process_noise=model.process_noise, observation_noise=model.observation_noise)
     return guarded(_simulate, model, T, key, u)

@@ -18,7 +18,7 @@ from sigmapoint import checks
 from sigmapoint.blackbox import guarded
 from sigmapoint.filtering import Filter, FilterState, fields, prepared, scan
 from sigmapoint.gaussian import Belief
-from sigmapoint.methods import Method, srcdkf
+from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.results import FIELDS, Posterior
 
@@ -91,9 +91,11 @@ def smooth(
         >>> bool((sp.smooth(model, y).std <= sp.filter(model, y).std).all())
         True
     """
-    y, u = prepared(model, y, u)
+    y, u, method = prepared(model, y, u, method)
+    smoother = rts() if smoother is None else smoother
+    checks.instance("smoother", smoother, RTS)
     keep = checks.selection("keep", keep, FIELDS)
-    kept = guarded(_smooth, model, y, u, method or srcdkf(), smoother or rts(), keep)
+    kept = guarded(_smooth, model, y, u, method, smoother, keep)
     return Posterior.of(model, y, u, kept)
 
 

@@ -80,6 +80,9 @@ def angles(*indices: int, period: float = 2 * jnp.pi) -> Angles:
         indices: positions of the angles in the vector.
         period: a full turn, in the unit of the element: 2π for radians (default), 360 for degrees.
 
+    Raises:
+        ValueError: no indices, or a period that is not positive.
+
     Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> bearing = sp.angles(0, period=360.0)
@@ -88,4 +91,6 @@ def angles(*indices: int, period: float = 2 * jnp.pi) -> Angles:
     """
     if not indices:
         raise ValueError("angles: name at least one element, e.g. sp.angles(0)")
+    if not period > 0:
+        raise ValueError(f"period, a full turn, must be positive, got {period}")
     return Angles(tuple(int(i) for i in indices), float(period))

@@ -155,7 +155,7 @@ def _coverage(states: tuple[Coverage, ...]) -> list[Verdict]:
     known = [c for c in states if c.within[1] >= 0.85]
     if not poor:
         lowest = min((c.within[1] for c in known), default=float("nan"))
-        text = f"Every ±2σ band covers the truth at least {100 * lowest:.0f} % of the time (95 % is nominal)."
+        text = f"Every ±2σ band covers the truth at least {100 * lowest:.1f} % of the time (95 % is nominal)."
         return [Verdict("good", text)] if known else []
     worst = sorted(poor, key=lambda c: c.within[1])[:5]
     listed = ", ".join(f"{c.name} {100 * c.within[1]:.0f} %" for c in worst)

@@ -147,11 +147,11 @@ def test_any_positive_set_reproduces_its_own_weighted_covariance(n, order, seed)
     [
         (lambda: Unscented(0.0, 2.0, 0.0), "alpha"),
         (lambda: Unscented(float("nan"), 2.0, 0.0), "alpha"),
-        (lambda: Unscented(0.1, 0.0, 0.0), "beta >= alpha"),
+        (lambda: Unscented(0.1, -0.5, 0.0), "beta >= alpha"),
         (lambda: Unscented(1.0, 0.0, -2.0).sigma_points(2), "kappa"),
         (lambda: Unscented(1.0, 0.0, -1.0).sigma_points(3), "beta"),
         (lambda: Julier(1.0), "w0"),
-        (lambda: Julier(-0.5).sigma_points(2), "w0"),
+        (lambda: Julier(-0.5), "w0"),
         (lambda: Simplex(1.0, 1.0, -0.1), "w0"),
         (lambda: Simplex(0.1, -9.0, 0.4).sigma_points(2), "beta"),
         (lambda: CentralDifference(0.9), "h"),

@@ -7,6 +7,7 @@ import typer
 from sigmapoint import __version__
 from sigmapoint.cli.compare import compare
 from sigmapoint.cli.demo import demo
+from sigmapoint.cli.errors import entered
 from sigmapoint.cli.reproduce import reproduce
 from sigmapoint.cli.run import run
 
@@ -39,4 +40,4 @@ for command in (demo, run, compare, reproduce):
 
 def main() -> None:
     """Entry point of the console script `sigmapoint`."""
-    app(prog_name="sigmapoint")
+    entered(lambda: app(prog_name="sigmapoint"))

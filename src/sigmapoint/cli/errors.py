@@ -5,6 +5,9 @@
 
 import functools
 import os
+import signal
+import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,6 +20,34 @@ from rich.console import Console
 from rich.markup import escape
 
 INTERRUPTED = 130
+_stopped = threading.Event()
+
+
+def stopped() -> None:
+    """Raise if Ctrl-C was pressed; called between steps, because an interrupt that falls into a callback is lost."""
+    if _stopped.is_set():
+        raise KeyboardInterrupt
+
+
+def entered(app: Callable[[], Any]) -> None:
+    """Run the command line as a process: remember Ctrl-C, and leave at once after it.
+
+    Leaving in the usual way would tear down the interpreter under a computation that still runs in its own threads.
+    """
+
+    def remember(*_: Any) -> None:
+        _stopped.set()
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, remember)
+    try:
+        app()
+    except SystemExit as done:
+        if done.code == INTERRUPTED:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(INTERRUPTED)
+        raise
 
 
 class InputError(ValueError):

@@ -10,10 +10,7 @@ from sigmapoint import methods
 from sigmapoint.cli.errors import InputError
 from sigmapoint.methods import Method
 
-PLAIN = (
-    *("ekf", "srekf", "ukf", "srukf", "julier_ukf", "srjulier_ukf", "simplex_ukf", "srsimplex_ukf"),
-    *("cdkf", "srcdkf", "ckf", "srckf", "ghkf", "srghkf"),
-)
+PLAIN = tuple(methods.METHODS)
 AROUND = ("iterated", "augmented", "extended_set")
 """Names whose first argument is a method."""
 

@@ -18,6 +18,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from sigmapoint.cli.errors import stopped
 from sigmapoint.comparison import as_text
 from sigmapoint.results import Posterior
 from sigmapoint.storage import write_atomically
@@ -79,6 +80,7 @@ def write_all(out: Path, files: Mapping[str, Writer]) -> list[Path]:
         with tempfile.TemporaryDirectory(dir=out, prefix=".writing-") as staging:
             for name, write in files.items():
                 write_atomically(Path(staging) / name, write)
+            stopped()
             for name in files:
                 os.replace(Path(staging) / name, out / name)
     except BaseException:
@@ -134,6 +136,7 @@ def progress(total: int | None) -> Iterator[Callable[[str], None]]:
 
         def step(description: str) -> None:
             nonlocal begun
+            stopped()
             bar.update(task, description=escape(description), advance=int(begun))
             begun = True
 

@@ -194,6 +194,9 @@ def model(cell: Cell, u: dict[str, Float[np.ndarray, "T"]], soc: float, soc_std:
         terminal voltage [V] as the one observation.
 
     Examples:
+        >>> from sigmapoint.data import load_leaf
+        >>> from sigmapoint.problems.battery_identification import identify
+        >>> cell = identify([load_leaf(10), load_leaf(40)], temperature=25)
         >>> log = load_leaf(25)
         >>> u = inputs(log)
         >>> post = sp.filter(model(cell, u, soc=0.5), log.voltage[:, None], u, method=sp.srcdkf())

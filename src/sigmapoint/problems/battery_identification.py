@@ -84,6 +84,7 @@ def identify(logs: Sequence[Log], temperature: float) -> Cell:
         ValueError: if fewer than two temperatures are given.
 
     Examples:
+        >>> from sigmapoint.data import load_leaf
         >>> round(identify([load_leaf(10), load_leaf(40)], temperature=25).capacity, 1)
         30.5
     """

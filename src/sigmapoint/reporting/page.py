@@ -16,6 +16,7 @@ import jax
 import numpy as np
 from plotly.offline import get_plotlyjs
 
+from sigmapoint.comparison import Comparison
 from sigmapoint.reporting.decimate import POINTS
 from sigmapoint.reporting.html import Graphs, number, section, table
 from sigmapoint.reporting.runs import Runs, runs_of
@@ -30,7 +31,7 @@ POLICY = (
 
 
 def report(
-    result: Posterior | Mapping[str, Posterior],
+    result: Posterior | Mapping[str, Posterior] | Comparison,
     path: str | os.PathLike,
     *,
     time: Any = None,
@@ -42,7 +43,7 @@ def report(
     """Write an interactive page about a result, for a browser, readable without a network.
 
     Args:
-        result: a result of `filter` or `smooth`, or several by name (methods over the same data, drawn together).
+        result: what `filter`, `smooth` or `compare` gave, or several results by name (methods over the same data).
         path: the file to write, `report.html`; replaced as a whole if it is there.
         time: instants (T,), numbers or dates; 0, 1, 2, … where not given.
         truth: true states (T, n) where known, NaN where not.
@@ -66,9 +67,14 @@ def report(
         ...     report(sp.filter(model, jnp.ones((50, 1))), pathlib.Path(folder) / "report.html").name
         'report.html'
     """
-    first = result if isinstance(result, Posterior) else next(iter(result.values()), None)
+    if isinstance(result, Comparison):
+        result = result.posteriors
+    first = next(iter(result.values()), None) if isinstance(result, Mapping) else result
     if not isinstance(first, Posterior):
-        raise ValueError("result must be a result of sp.filter or sp.smooth, or a dict of name to such results")
+        raise ValueError(
+            "result must come from sp.filter, sp.smooth or sp.compare, or be a dict of name to such results, got "
+            f"{type(first).__name__}"
+        )
     if np.ndim(first.log_likelihood):
         shape = np.shape(first.log_likelihood)
         raise ValueError(f"result is a batch of shape {shape}; pick one with jax.tree.map(lambda a: a[i], post)")

@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 
+from sigmapoint import checks
 from sigmapoint.rules.linearization import SigmaPointRule, SigmaPoints, from_weights
 
 MOST_POINTS = 5_000
@@ -21,8 +22,7 @@ class GaussHermite(SigmaPointRule):
     order: int
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.order, int) and self.order >= 2):
-            raise ValueError(f"order must be a whole number of at least 2, got {self.order!r}")
+        checks.whole("order", self.order, 2)
 
     def sigma_points(self, n: int) -> SigmaPoints:
         if self.order**n > MOST_POINTS:

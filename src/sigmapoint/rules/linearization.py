@@ -12,7 +12,7 @@ fills them in. With non-negative weights `w`, `√w` and the rows `√w ξ_j` ar
 second degree; the mean and Φ are the projections on them, and E is what is left, in any orthonormal basis.
 """
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -68,7 +68,7 @@ class Rule(Protocol):
 
 
 @dataclass(frozen=True)
-class SigmaPointRule:
+class SigmaPointRule(ABC):
     """A rule from function values alone. A subclass says which constants, in `sigma_points`."""
 
     @abstractmethod
@@ -136,8 +136,8 @@ def from_weights(
     c2 = 1.0 + (excess - 1.0) * s
     if c2 < -1e-12:
         raise ValueError(
-            f"sigma points in {points.shape[1]} dimensions would give a covariance that is not positive semi-definite; "
-            "take beta >= alpha**2 (beta=2 suits Gaussian priors), or kappa >= 0 with alpha=1"
+            f"these sigma points give a covariance that is not positive semi-definite in {points.shape[1]} dimensions: "
+            f"1 + (excess - 1) * (sum of the outer weights) is {c2:.3g}; a larger beta, which raises excess, mends it"
         )
     phi = w[:, None] * points[1:]
     v = w / np.sqrt(s)

@@ -1,4 +1,4 @@
-"""Reduced simplex set: n+1 points, or n+2 with a weight at the centre.
+"""Reduced simplex set: n+1 points and the centre, which may have no weight.
 
 Source: Julier (2003), "The spherical simplex unscented transformation"; here the vertices of a regular simplex, at
 √(n/(1−W₀)) from the centre, each with weight (1−W₀)/(n+1), and Julier's (2002) scaling by α and β.
@@ -26,9 +26,9 @@ class Simplex(SigmaPointRule):
             raise ValueError(f"alpha must be positive, got {self.alpha}")
 
     def sigma_points(self, n: int) -> SigmaPoints:
-        radius2 = (n + 1) / (1 - self.w0)
-        points = np.concatenate([np.zeros((1, n)), self.alpha * np.sqrt(radius2) * _simplex(n)])
-        weights = np.full(n + 2, 1 / (radius2 * self.alpha**2))
+        spread2 = (n + 1) / (1 - self.w0)  # the coordinates of `_simplex` have mean square 1 / (n + 1)
+        points = np.concatenate([np.zeros((1, n)), self.alpha * np.sqrt(spread2) * _simplex(n)])
+        weights = np.full(n + 2, 1 / (spread2 * self.alpha**2))
         weights[0] = 1 - weights[1:].sum()
         return from_weights(points, weights, 1 + self.beta - self.alpha**2)
 

@@ -39,25 +39,23 @@ class Unscented(SigmaPointRule):
         if c2 < -1e-12:
             raise ValueError(
                 f"alpha={self.alpha}, beta={self.beta}, kappa={self.kappa} give a covariance that is not positive "
-                f"semi-definite in n={n} dimensions; take beta >= alpha**2 (e.g. beta=2), or a larger kappa"
+                f"semi-definite in n={n} dimensions; beta >= alpha**2 (e.g. beta=2) works, and so does a larger kappa"
             )
         return paired(symmetric_points(n, np.sqrt(spread2)), weights, 1.0, (np.sqrt(max(c2, 0.0)) - 1) / n)
 
 
 @dataclass(frozen=True)
 class Julier(SigmaPointRule):
-    """2n+1 points with centre weight W₀ < 1 and the covariance taken about the mean, all with the same weights."""
+    """2n+1 points with centre weight 0 ≤ W₀ < 1 and the covariance taken about the mean, all with the same weights."""
 
     w0: float
 
     def __post_init__(self) -> None:
-        if not self.w0 < 1:
-            raise ValueError(f"w0, the weight of the centre point, must be less than 1, got {self.w0}")
+        if not 0 <= self.w0 < 1:
+            raise ValueError(
+                f"w0, the weight of the centre point, must be in [0, 1), got {self.w0}; a negative one can break the "
+                "covariance; sp.ukf(alpha=1, beta=2, kappa=w0 * n / (1 - w0)) has the same points and cannot"
+            )
 
     def sigma_points(self, n: int) -> SigmaPoints:
-        if self.w0 < 0:
-            raise ValueError(
-                f"w0={self.w0} is negative: its covariance can lose positive definiteness; take 0 <= w0 < 1, or the "
-                "scaled form sp.ukf(alpha=1, beta=2, kappa=w0 * n / (1 - w0)) with the same points"
-            )
         return Unscented(1.0, 0.0, n * self.w0 / (1 - self.w0)).sigma_points(n)
