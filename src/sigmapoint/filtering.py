@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from sigmapoint import checks
 from sigmapoint.blackbox import guarded
 from sigmapoint.carry import Functions, Points
-from sigmapoint.gaussian import Belief, covariance
+from sigmapoint.gaussian import Belief, Split, covariance
 from sigmapoint.iterate import relinearized
 from sigmapoint.linalg import solve_lower
 from sigmapoint.methods import Method, srcdkf
@@ -106,7 +106,7 @@ class Filter(NamedTuple):
         y_known = jnp.where(jnp.isnan(y), joint.value.mean, y)
         innovation = jnp.where(active, fs.observation_space.residual(y_known, joint.value.mean), 0.0)
         split = type(belief).split(joint.value, joint.state, joint.noise, active)
-        info = _info(split.factor, innovation, covariance(joint.value, joint.noise), active)
+        info = _info(split, innovation, covariance(joint.value, joint.noise), active)
         if self.method.iterations > 1:
             passes = self.method.iterations - 1
             joint, innovation = relinearized(self.method.rule, passes, joint, belief, fs, y, u, active)
@@ -199,10 +199,10 @@ def _measured(y: Array, size: int) -> Bool[Array, " m"]:
     return ~missing if y.shape[0] == size else jnp.broadcast_to(~missing.any(), (size,))
 
 
-def _info(S: Array, innovation: Array, cov: Array, active: Array) -> Info:
-    white = solve_lower(S, innovation)
+def _info(split: Split, innovation: Array, cov: Array, active: Array) -> Info:
+    white = solve_lower(split.factor, jnp.where(split.informative, innovation, 0.0))
     nis = white @ white
-    pivots = jnp.where(active, jnp.diagonal(S), 1.0)
-    count = jnp.sum(active, dtype=S.dtype)
+    pivots = jnp.where(split.informative, jnp.diagonal(split.factor), 1.0)
+    count = jnp.sum(split.informative, dtype=nis.dtype)
     log_density = -0.5 * (nis + count * LOG_2PI) - jnp.sum(jnp.log(pivots))
     return Info(jnp.where(active, innovation, jnp.nan), cov, nis, log_density)

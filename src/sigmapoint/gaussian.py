@@ -10,8 +10,8 @@ the remainder B of x given y. Conditioning on a measurement and reversing a tran
 * Dense: B = (Φ_x − K Φ_y)(·)ᵀ + (E_x − K E_y)(·)ᵀ + K R Kᵀ, Joseph's form: a sum of squares, never a difference.
 * Square root: `tria [[Φ_y E_y S_R D], [Φ_x E_x 0 0]] = [[S 0], [W B]]`, one Householder triangularisation, no downdate.
 
-Rows of y that carry no information (not measured, or with a variance of exactly zero) are emptied and get a unit
-pseudo-noise D of their own, so that S stays regular and their gain is exactly zero.
+Rows of y that carry no information (not measured, without variance, or exact combinations of other rows) are emptied
+and get a unit pseudo-noise D of their own, so that S stays regular and their gain is exactly zero.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from sigmapoint.linalg import cholesky, norm_rows, safe_sqrt, solve_lower, solve_upper, tria
+from sigmapoint.linalg import cholesky, independent_rows, norm_rows, safe_sqrt, solve_lower, solve_upper, tria
 from sigmapoint.rules.linearization import Linearization
 
 
@@ -46,6 +46,8 @@ class Split(NamedTuple):
     factor: Float[Array, "d d"]
     gain_root: Float[Array, "n d"]
     remainder: Float[Array, "n n"]
+    informative: Bool[Array, " d"]
+    """rows of y that say something: measured, with a variance, and not a combination of the rows before"""
 
     def gain(self, difference: Float[Array, "d *k"]) -> Float[Array, "n *k"]:
         """K times a difference in y."""
@@ -84,15 +86,20 @@ class Dense(NamedTuple):
     @classmethod
     def split(cls, y: Linearization, x: Linearization, noise: Spread | None, active: Bool[Array, " d"]) -> Split:
         """Split the joint of `y` (plus noise) and `x`; see the module."""
-        y, noise, active = _informative(y, noise, active)
-        S = cholesky(covariance(y, noise) + jnp.diag((~active).astype(y.slope.dtype)))
+        y, noise = _emptied(y, noise, active)
+        P = covariance(y, noise)
+        S = cholesky(P)
+        noise_floor = 16 * jnp.finfo(P.dtype).eps * jnp.diagonal(P)
+        informative = active & ~(jnp.diagonal(S) ** 2 <= noise_floor)
+        y, noise = _emptied(y, noise, informative)
+        S = jnp.where(informative[:, None], S, jnp.eye(S.shape[0], dtype=S.dtype))
         W = solve_lower(S, y.slope @ x.slope.T + _product(y.residual, x.residual)).T
         K = solve_upper(S, W.T).T
         parts = [x.slope - K @ y.slope, _padded(x.residual, y.residual) - K @ y.residual]
         B = sum((p @ p.T for p in parts), start=jnp.zeros_like(x.slope @ x.slope.T))
         if noise is not None:
             B = B + K @ noise.cov @ K.T
-        return Split(S, W, symmetric(B))
+        return Split(S, W, symmetric(B), informative)
 
     @classmethod
     def mix(cls, mean: Float[Array, " d"], root: Float[Array, "n k"], remainder: Float[Array, "n n"]) -> "Dense":
@@ -131,17 +138,18 @@ class SquareRoot(NamedTuple):
 
     @classmethod
     def split(cls, y: Linearization, x: Linearization, noise: Spread | None, active: Bool[Array, " d"]) -> Split:
-        y, noise, active = _informative(y, noise, active)
-        d, n = y.slope.shape[0], x.slope.shape[0]
-        dtype = y.slope.dtype
+        d, n, dtype = y.slope.shape[0], x.slope.shape[0], y.slope.dtype
         if noise is None:
             noise = Spread(jnp.zeros((d, d), dtype), jnp.zeros((d, 0), dtype))
-        own = [jax.lax.stop_gradient(noise.factor), jnp.diag((~active).astype(dtype))]
+        y, noise = _emptied(y, noise, active)
+        informative = active & independent_rows(jnp.concatenate([y.slope, y.residual, noise.factor], axis=1))
+        y, noise = _emptied(y, noise, informative)
+        own = [jax.lax.stop_gradient(noise.factor), jnp.diag((~informative).astype(dtype))]
         top = jnp.concatenate([y.slope, y.residual, *own], axis=1)
         bottom = jnp.concatenate([x.slope, _padded(x.residual, y.residual)], axis=1)
         bottom = jnp.pad(bottom, ((0, 0), (0, top.shape[1] - bottom.shape[1])))
         root = tria(jnp.concatenate([top, bottom]), known=jnp.pad(noise.cov, ((0, n), (0, n))))
-        return Split(root[:d, :d], root[d:, :d], root[d:, d:])
+        return Split(root[:d, :d], root[d:, :d], root[d:, d:], informative)
 
     @classmethod
     def mix(cls, mean: Float[Array, " d"], root: Float[Array, "n k"], remainder: Float[Array, "n n"]) -> "SquareRoot":
@@ -162,17 +170,11 @@ def symmetric(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return (P + P.T) / 2
 
 
-def _informative(
-    y: Linearization, noise: Spread | None, active: Bool[Array, " d"]
-) -> tuple[Linearization, Spread | None, Bool[Array, " d"]]:
-    """Empty the rows of y that are not active or have no variance at all."""
-    variance = jnp.sum(y.slope**2, axis=1) + jnp.sum(y.residual**2, axis=1)
-    if noise is not None:
-        variance = variance + jnp.diagonal(noise.cov)
-    active = active & (variance != 0)
-    keep = active[:, None].astype(y.slope.dtype)
-    y = Linearization(y.mean, y.slope * keep, y.residual * keep)
-    return y, (None if noise is None else noise.masked(active)), active
+def _emptied(y: Linearization, noise: Spread | None, keep: Bool[Array, " d"]) -> tuple[Linearization, Spread | None]:
+    """y and its noise without the rows that are not kept."""
+    rows = keep[:, None]
+    y = Linearization(y.mean, jnp.where(rows, y.slope, 0.0), jnp.where(rows, y.residual, 0.0))
+    return y, (None if noise is None else noise.masked(keep))
 
 
 def _padded(residual: Array, like: Array) -> Array:

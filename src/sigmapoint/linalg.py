@@ -12,7 +12,7 @@ zero.
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 
 def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
@@ -26,7 +26,8 @@ def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     columns, rest = [], P
     for j in range(n):
         pivot = rest[j, j]
-        singular = pivot <= floor[j]  # false for NaN, which goes on as NaN: an unknown variance is not a known zero
+        # False for NaN and infinity, which go on as NaN: an unknown variance is not a known zero.
+        singular = (pivot <= floor[j]) & jnp.isfinite(pivot)
         root = jnp.sqrt(jnp.where(singular, 1.0, pivot))
         column = jnp.where((jnp.arange(n) < j) | singular, 0.0, rest[:, j] / root)
         columns.append(column)
@@ -86,13 +87,47 @@ def _tria(A: Array, known: Array) -> Array:
 
 @_tria.defjvp
 def _tria_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
-    (A, _), (dA, dknown) = primals, tangents
+    (A, known), (dA, dknown) = primals, tangents
     A, dA = _largest_first(A, A), _largest_first(dA, A)
-    Q, R = jnp.linalg.qr(A.T)
-    L = R.T * _signs(R)[None, :]
-    B = (dA @ Q) * _signs(R)[None, :] + 0.5 * _resolved(L, dknown).T
+    fixed, fixed_known = jax.lax.stop_gradient((A, known))
+    Q, R = jnp.linalg.qr(fixed.T)
+    Q, L = Q * _signs(R)[None, :], R.T * _signs(R)[None, :]
+    # For second derivatives: both again, the same in value, as functions of A and of `known`.
+    L = L + _change(L, Q, A - fixed, known - fixed_known)
+    rows = _resolved(L, A)
+    Q = Q + (rows - jax.lax.stop_gradient(rows)).T
+    return L, _change(L, Q, dA, dknown)
+
+
+def _change(L: Array, Q: Array, dA: Array, dknown: Array) -> Array:
+    """The change of L with A and `known`, to first order; see the module."""
+    B = dA @ Q + 0.5 * _resolved(L, dknown).T
     K = jnp.triu(_resolved(L, B), 1)
-    return L, jnp.tril(B - L @ (K - K.T))
+    return jnp.tril(B - L @ (K - K.T))
+
+
+def independent_rows(A: Float[Array, "d k"]) -> Bool[Array, " d"]:
+    """Which rows are, beyond round-off, not combinations of the rows before them (a zero row is not).
+
+    Each row that is independent takes one direction out of all others, by a Householder reflection that puts it on the
+    axis of its largest element.
+    """
+    A = jax.lax.stop_gradient(A)
+    floor = 32 * jnp.finfo(A.dtype).eps * jnp.sqrt(A.shape[1]) * norm_rows(A)
+
+    def take(j: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        A, independent = carry
+        row = A[j]
+        size = jnp.linalg.norm(row)
+        alive = ~((size <= floor[j]) & jnp.isfinite(size))
+        axis = jax.nn.one_hot(jnp.argmax(jnp.abs(row)), A.shape[1], dtype=A.dtype)
+        v = row + jnp.where(row @ axis < 0, -size, size) * axis
+        reflected = A - jnp.outer(A @ v, v) * (2 / jnp.where(alive, v @ v, 1.0))
+        A = jnp.where(alive, reflected * (1 - axis)[None, :], A)
+        return A, independent.at[j].set(alive)
+
+    start = (A, jnp.zeros(A.shape[0], bool))
+    return jax.lax.fori_loop(0, A.shape[0], take, start)[1]
 
 
 def _largest_first(A: Array, like: Array) -> Array:

@@ -74,7 +74,8 @@ def test_gradient_where_process_noise_is_zero(name):
 
 @pytest.mark.parametrize("name", [n for n in METHODS if n != "augmented"])
 def test_gradient_where_a_sensor_or_the_start_is_exact(name):
-    _check(METHODS[name], _theta(r=(0.0, 0.2)), ("g", "q", "r"))
+    # Not with respect to the zero itself: it makes the posterior singular, and its factor has no derivative there.
+    _check(METHODS[name], _theta(r=(0.0, 0.2)), ("g", "q"))
     _check(METHODS[name], _theta(p=(0.0, 0.0)), ("g", "q", "r"))
 
 
@@ -85,12 +86,15 @@ def test_gradient_is_finite_where_everything_is_exact(name):
 
 
 def test_second_derivatives_agree_with_differences_of_the_gradient():
-    def of_g(g, method):
-        return _likelihood(method, {**_theta(), "g": g})
+    """With respect to a parameter of the model and to a noise, forward over reverse and reverse over reverse."""
 
-    for method in (sp.srekf(), sp.srcdkf()):
-        gradient = jax.grad(of_g)
-        curvature = jax.jacfwd(gradient)(jnp.float64(1.3), method)
+    def of(v, method):
+        return _likelihood(method, {**_theta(), "g": v[0], "r": jnp.stack([v[1], v[1]])})
+
+    v = jnp.array([1.3, 0.2])
+    for method in (sp.ekf(), sp.srekf(), sp.srcdkf()):
+        gradient = jax.jit(jax.grad(lambda v, m=method: of(v, m)))
         h = 1e-5
-        difference = (gradient(jnp.float64(1.3 + h), method) - gradient(jnp.float64(1.3 - h), method)) / (2 * h)
-        np.testing.assert_allclose(curvature, difference, rtol=1e-5)
+        difference = np.stack([(gradient(v + h * e) - gradient(v - h * e)) / (2 * h) for e in np.eye(2)])
+        for outer in (jax.jacfwd, jax.jacrev):
+            np.testing.assert_allclose(outer(gradient)(v), difference, rtol=1e-5, atol=1e-5)

@@ -86,6 +86,9 @@ class SigmaPointRule(ABC):
         factor: Float[Array, "n n"],
         space: Space,
     ) -> Linearization:
+        # No narrower than differences can resolve: a direction known exactly would otherwise leave no slope to see.
+        narrow = jnp.finfo(factor.dtype).eps ** (1 / 3) - jnp.diagonal(factor)
+        factor = factor + jnp.diag(jnp.maximum(narrow, 0.0))
         lin = self(lambda eta: g(mean + factor @ eta), jnp.zeros_like(mean), space)
         return lin._replace(slope=solve_upper(factor, lin.slope.T).T)
 
