@@ -86,12 +86,12 @@ class Dense(NamedTuple):
     @classmethod
     def split(cls, y: Linearization, x: Linearization, noise: Spread | None, active: Bool[Array, " d"]) -> Split:
         """Split the joint of `y` (plus noise) and `x`; see the module."""
-        y, noise = _emptied(y, noise, active)
+        y, noise = _emptied(y, active), None if noise is None else noise.masked(active)
         P = covariance(y, noise)
         S = cholesky(P)
         noise_floor = 16 * jnp.finfo(P.dtype).eps * jnp.diagonal(P)
         informative = active & ~(jnp.diagonal(S) ** 2 <= noise_floor)
-        y, noise = _emptied(y, noise, informative)
+        y, noise = _emptied(y, informative), None if noise is None else noise.masked(informative)
         S = jnp.where(informative[:, None], S, jnp.eye(S.shape[0], dtype=S.dtype))
         W = solve_lower(S, y.slope @ x.slope.T + _product(y.residual, x.residual)).T
         K = solve_upper(S, W.T).T
@@ -141,9 +141,9 @@ class SquareRoot(NamedTuple):
         d, n, dtype = y.slope.shape[0], x.slope.shape[0], y.slope.dtype
         if noise is None:
             noise = Spread(jnp.zeros((d, d), dtype), jnp.zeros((d, 0), dtype))
-        y, noise = _emptied(y, noise, active)
+        y, noise = _emptied(y, active), noise.masked(active)
         informative = active & independent_rows(jnp.concatenate([y.slope, y.residual, noise.factor], axis=1))
-        y, noise = _emptied(y, noise, informative)
+        y, noise = _emptied(y, informative), noise.masked(informative)
         own = [jax.lax.stop_gradient(noise.factor), jnp.diag((~informative).astype(dtype))]
         top = jnp.concatenate([y.slope, y.residual, *own], axis=1)
         bottom = jnp.concatenate([x.slope, _padded(x.residual, y.residual)], axis=1)
@@ -170,11 +170,10 @@ def symmetric(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return (P + P.T) / 2
 
 
-def _emptied(y: Linearization, noise: Spread | None, keep: Bool[Array, " d"]) -> tuple[Linearization, Spread | None]:
-    """y and its noise without the rows that are not kept."""
+def _emptied(y: Linearization, keep: Bool[Array, " d"]) -> Linearization:
+    """y without the rows that are not kept."""
     rows = keep[:, None]
-    y = Linearization(y.mean, jnp.where(rows, y.slope, 0.0), jnp.where(rows, y.residual, 0.0))
-    return y, (None if noise is None else noise.masked(keep))
+    return Linearization(y.mean, jnp.where(rows, y.slope, 0.0), jnp.where(rows, y.residual, 0.0))
 
 
 def _padded(residual: Array, like: Array) -> Array:
