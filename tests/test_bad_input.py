@@ -133,6 +133,7 @@ CASES = {
     ),
     "observation names too many": (lambda: run(observation_names=("a", "b")), "observation_names must be 1 string"),
     "simulate a number": (lambda: sp.simulate(5, 3, key=jax.random.key(0)), "model must be"),
+    "black box not a function": (lambda: sp.blackbox(3), "callable"),
     "angles without indices": (lambda: sp.angles(), "angles"),
 }
 

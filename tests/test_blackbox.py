@@ -145,7 +145,6 @@ def test_extended_filter_needs_a_jacobian_and_says_so():
 @pytest.mark.parametrize(
     ("make", "word"),
     [
-        (lambda: sp.blackbox(3), "callable"),
         (lambda: sp.blackbox(python_step, workers=-1), "workers"),
         (lambda: sp.blackbox(rows_step, workers=2, vectorized=True), "workers or vectorized"),
         (lambda: sp.filter(model(sp.blackbox(lambda x, u: [1.0])), Y, U, sp.ukf()), r"must return shape \(2,\)"),

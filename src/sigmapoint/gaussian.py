@@ -8,10 +8,10 @@ are split into y and the part of x that y does not determine: S Sᵀ = P_yy, W =
 the remainder B of x given y. Conditioning on a measurement and reversing a transition (for smoothing) are both this.
 
 * Dense: B = (Φ_x − K Φ_y)(·)ᵀ + (E_x − K E_y)(·)ᵀ + K R Kᵀ, Joseph's form: a sum of squares, never a difference.
-* Square root: `tria [[Φ_y E_y S_R D], [Φ_x E_x 0 0]] = [[S 0], [W B]]`, one Householder triangularisation, no downdate.
+* Square root: `tria [[Φ_y E_y S_R], [Φ_x E_x 0]] = [[S 0], [W B]]`, one Householder triangularisation, no downdate.
 
-Rows of y that carry no information (not measured, without variance, or exact combinations of other rows) are emptied
-and get a unit pseudo-noise D of their own, so that S stays regular and their gain is exactly zero.
+Rows of y that carry no information (not measured, without variance, or exact combinations of the rows before) have a
+gain of exactly zero and a unit row in S, so that S stays regular.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from sigmapoint.linalg import cholesky, independent_rows, norm_rows, safe_sqrt, solve_lower, solve_upper, tria
+from sigmapoint.linalg import cholesky, norm_rows, safe_sqrt, solve_lower, solve_upper, tria
 from sigmapoint.rules.linearization import Linearization
 
 
@@ -142,14 +142,13 @@ class SquareRoot(NamedTuple):
         if noise is None:
             noise = Spread(jnp.zeros((d, d), dtype), jnp.zeros((d, 0), dtype))
         y, noise = _emptied(y, active), noise.masked(active)
-        informative = active & independent_rows(jnp.concatenate([y.slope, y.residual, noise.factor], axis=1))
-        y, noise = _emptied(y, informative), noise.masked(informative)
-        own = [jax.lax.stop_gradient(noise.factor), jnp.diag((~informative).astype(dtype))]
-        top = jnp.concatenate([y.slope, y.residual, *own], axis=1)
+        top = jnp.concatenate([y.slope, y.residual, jax.lax.stop_gradient(noise.factor)], axis=1)
         bottom = jnp.concatenate([x.slope, _padded(x.residual, y.residual)], axis=1)
         bottom = jnp.pad(bottom, ((0, 0), (0, top.shape[1] - bottom.shape[1])))
         root = tria(jnp.concatenate([top, bottom]), known=jnp.pad(noise.cov, ((0, n), (0, n))))
-        return Split(root[:d, :d], root[d:, :d], root[d:, d:], informative)
+        informative = active & (jnp.diagonal(root)[:d] != 0)
+        S = jnp.where(informative[:, None], root[:d, :d], jnp.eye(d, dtype=dtype))
+        return Split(S, root[d:, :d], root[d:, d:], informative)
 
     @classmethod
     def mix(cls, mean: Float[Array, " d"], root: Float[Array, "n k"], remainder: Float[Array, "n n"]) -> "SquareRoot":

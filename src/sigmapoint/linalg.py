@@ -66,83 +66,75 @@ def norm_rows(A: Float[Array, "n k"]) -> Float[Array, " n"]:
 def tria(A: Float[Array, "n k"], known: Float[Array, "n n"] | None = None) -> Float[Array, "n n"]:
     """Lower triangular `L` with `L Lᵀ = A Aᵀ` and a diagonal that is not negative, by Householder reflections.
 
+    A row that is, up to round-off, a combination of those above it has a pivot of exactly zero and a column of zeros,
+    as in the Cholesky factor of `A Aᵀ`: the factor of a singular covariance is the same in either form.
+
     Args:
         A: columns whose outer products add up to the covariance.
         known: a covariance that some of the columns of `A` are a (derivative-free) factor of. It adds nothing to the
             value; derivatives flow through it instead of through its factor, whose own derivative is infinite where
             the covariance is zero.
     """
-    n, k = A.shape
-    if k < n:
-        A = jnp.concatenate([A, jnp.zeros((n, n - k), A.dtype)], axis=1)
+    n = A.shape[0]
     return _tria(A, jnp.zeros((n, n), A.dtype) if known is None else known)
 
 
 @jax.custom_jvp
 def _tria(A: Array, known: Array) -> Array:
     del known
-    R = jnp.linalg.qr(_largest_first(A, A).T, mode="r")
-    return R.T * _signs(R)[None, :]
+    return _reflected(A, A.shape[0])
 
 
 @_tria.defjvp
 def _tria_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
     (A, known), (dA, dknown) = primals, tangents
-    A, dA = _largest_first(A, A), _largest_first(dA, A)
+    n, k = A.shape
     fixed, fixed_known = jax.lax.stop_gradient((A, known))
-    Q, R = jnp.linalg.qr(fixed.T)
-    Q, L = Q * _signs(R)[None, :], R.T * _signs(R)[None, :]
+    both = _reflected(jnp.concatenate([fixed, jnp.eye(k, dtype=A.dtype)]), n)
+    L, Q = both[:n], both[n:]
     # For second derivatives: both again, the same in value, as functions of A and of `known`.
     L = L + _change(L, Q, A - fixed, known - fixed_known)
-    rows = _resolved(L, A)
+    rows = solve_lower(L, A)
     Q = Q + (rows - jax.lax.stop_gradient(rows)).T
     return L, _change(L, Q, dA, dknown)
 
 
 def _change(L: Array, Q: Array, dA: Array, dknown: Array) -> Array:
     """The change of L with A and `known`, to first order; see the module."""
-    B = dA @ Q + 0.5 * _resolved(L, dknown).T
-    K = jnp.triu(_resolved(L, B), 1)
+    B = dA @ Q + 0.5 * solve_lower(L, dknown).T
+    K = jnp.triu(solve_lower(L, B), 1)
     return jnp.tril(B - L @ (K - K.T))
 
 
-def independent_rows(A: Float[Array, "d k"]) -> Bool[Array, " d"]:
-    """Which rows are, beyond round-off, not combinations of the rows before them (a zero row is not).
+def _reflected(A: Float[Array, "r k"], n: int) -> Float[Array, "r n"]:
+    """`A Q` for the orthonormal `Q` that makes its first `n` rows lower triangular.
 
-    Each row that is independent takes one direction out of all others, by a Householder reflection that puts it on the
-    axis of its largest element.
+    Every row that is not a combination of those above takes the direction of its largest element out of all others:
+    with that choice reflections are accurate row by row, also where rows differ by many orders of magnitude (Cox &
+    Higham 1998). A row that is such a combination takes nothing and leaves a column of zeros.
     """
-    A = jax.lax.stop_gradient(A)
-    floor = 32 * jnp.finfo(A.dtype).eps * jnp.sqrt(A.shape[1]) * norm_rows(A)
+    r, k = A.shape
+    scale = jnp.max(jnp.abs(A[:n]), axis=1)
+    floor = 32 * jnp.finfo(A.dtype).eps * k**0.5 * scale * norm_rows(A[:n] / _or_one(scale)[:, None])
 
     def take(j: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        A, independent = carry
+        A, columns = carry
         row = A[j]
-        size = jnp.linalg.norm(row)
-        alive = ~((size <= floor[j]) & jnp.isfinite(size))
-        axis = jax.nn.one_hot(jnp.argmax(jnp.abs(row)), A.shape[1], dtype=A.dtype)
-        v = row + jnp.where(row @ axis < 0, -size, size) * axis
-        reflected = A - jnp.outer(A @ v, v) * (2 / jnp.where(alive, v @ v, 1.0))
-        A = jnp.where(alive, reflected * (1 - axis)[None, :], A)
-        return A, independent.at[j].set(alive)
+        axis = jax.nn.one_hot(jnp.argmax(jnp.abs(row)), k, dtype=A.dtype)
+        largest = row @ axis
+        row = row / _or_one(largest)
+        size = jnp.sqrt(row @ row)
+        # False for NaN and infinity, which go on as NaN: an unknown variance is not a known zero.
+        dead = (jnp.abs(largest) * size <= floor[j]) & jnp.isfinite(largest)
+        v = row + size * axis
+        reflected = A - jnp.outer(A @ v, v) * (2 / jnp.where(dead, 1.0, v @ v))
+        column = jnp.where(dead, 0.0, -jnp.sign(largest) * (reflected @ axis))
+        column = jnp.where((jnp.arange(r) < j) & (jnp.arange(r) < n), 0.0, column)
+        A = jnp.where(dead, A, reflected * (1 - axis)[None, :])
+        return A.at[j].set(0.0), columns.at[:, j].set(column)
 
-    start = (A, jnp.zeros(A.shape[0], bool))
-    return jax.lax.fori_loop(0, A.shape[0], take, start)[1]
-
-
-def _largest_first(A: Array, like: Array) -> Array:
-    """Columns in falling order of their largest element: reflections are then accurate row by row (Cox & Higham 1998),
-    also where rows differ by many orders of magnitude."""
-    return A[:, jnp.argsort(-jnp.max(jnp.abs(like), axis=0))]
+    return jax.lax.fori_loop(0, n, take, (A, jnp.zeros((r, n), A.dtype)))[1]
 
 
-def _signs(R: Array) -> Array:
-    return jnp.where(jnp.diagonal(R) < 0, -1.0, 1.0).astype(R.dtype)
-
-
-def _resolved(L: Array, b: Array) -> Array:
-    """`L⁻¹ b` where pivots that are mere round-off of their row count as zero."""
-    pivots = jnp.diagonal(L)
-    noise = jnp.finfo(L.dtype).eps * L.shape[0] * norm_rows(L)
-    solid = jnp.abs(pivots) > noise
-    return solve_lower(jnp.where(jnp.diag(~solid), 0.0, L), b)
+def _or_one(x: Array) -> Array:
+    return jnp.where(x == 0, 1.0, x)
