@@ -12,8 +12,8 @@ from scipy import stats
 import sigmapoint as sp
 from sigmapoint.consistency import consistency, normalised, row_band
 from sigmapoint.diagnostics import diagnose
-from sigmapoint.results import Labels, Posterior
-from sigmapoint.whiteness import LAGS, autocorrelation, columns, quantiles
+from sigmapoint.results import Labels, Posterior, input_columns
+from sigmapoint.whiteness import LAGS, autocorrelation, quantiles
 
 T, M = 4000, 2
 LABELS = Labels(("a", "b"), ("m", "1"), ("p", "q"), ("V", ""))
@@ -236,9 +236,9 @@ def test_a_filter_that_broke_down_is_told_from_missing_measurements(white):
 
 def test_input_columns_are_named_by_where_they_are():
     u = {"current": np.ones(3), "wheel": {"left": np.ones((3, 2))}, "scalar": np.ones(4), "text": None}
-    assert list(columns(u, 3)) == ["current", "wheel.left0", "wheel.left1"]
-    assert list(columns(np.ones((3, 2)), 3)) == ["u0", "u1"]
-    assert columns(None, 3) == {}
+    assert list(input_columns(u, 3)) == ["current", "wheel.left0", "wheel.left1"]
+    assert list(input_columns(np.ones((3, 2)), 3)) == ["u0", "u1"]
+    assert input_columns(None, 3) == {}
 
 
 def test_quantiles_keep_both_tails():

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint.gaussian import Belief, Spread
+from sigmapoint.belief import Belief, Spread
 from sigmapoint.noise import Entry, Noise
 from sigmapoint.rules.linearization import Linearization, Rule
 from sigmapoint.spaces import Space

@@ -17,11 +17,12 @@ from jaxtyping import Array, Float
 
 from sigmapoint import methods as named
 from sigmapoint.checks import array
+from sigmapoint.diagnostics import errors
 from sigmapoint.filtering import filter, prepared
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import NonAdditive
-from sigmapoint.results import Posterior, series_of
+from sigmapoint.results import Posterior, field
 from sigmapoint.rules.hermite import MOST_POINTS
 from sigmapoint.smoothing import smooth as smoothed
 
@@ -90,14 +91,12 @@ def timed(run: Callable[[], Posterior]) -> tuple[Posterior, float, float]:
     return post, min(warm), max(first - min(warm), 0.0)
 
 
-def _error(model: StateSpaceModel, post: Posterior, truth: Float[np.ndarray, "T d"]) -> Row:
+def _error(post: Posterior, truth: Float[np.ndarray, "T d"]) -> Row:
     """Root-mean-square error of each state, and the share of errors within two standard deviations."""
-    mean, std = series_of(post)
-    residual = jax.vmap(model.state_space.residual)(jax.numpy.asarray(mean), jax.numpy.asarray(truth, mean.dtype))
-    error = np.asarray(residual, np.float64)
+    error, std = errors(post, truth).astype(float), field(post, "std")
     known = ~np.isnan(truth).any(1) if error.shape != truth.shape else ~np.isnan(truth)
     known = np.broadcast_to(known.reshape(len(error), -1), error.shape)
-    names = model.state_names if len(model.state_names) == error.shape[1] else [f"d{i}" for i in range(error.shape[1])]
+    names = post.labels.directions(error.shape[1])
     columns = {f"rmse {name}": slice(i, i + 1) for i, name in enumerate(names) if known[:, i].any()}
     if len(columns) > MOST_COLUMNS:
         columns = {"rmse": slice(None)}
@@ -113,7 +112,7 @@ def _innovations(post: Posterior) -> Row:
 
 
 def _note(post: Posterior) -> str:
-    mean, std = series_of(post)
+    mean, std = field(post, "mean"), field(post, "std")
     bad = ~np.isfinite(np.column_stack([mean, std, np.asarray(post.nis)])).all(1)
     if bad.any():
         return f"not finite from row {int(np.argmax(bad))}"
@@ -126,7 +125,7 @@ def row_of(name: str, model: StateSpaceModel, run: Callable[[], Posterior], trut
         post, warm, compiling = timed(run)
     except ValueError as error:
         return {"method": name, "note": str(error)}, None
-    judged = {} if truth is None else _error(model, post, truth)
+    judged = {} if truth is None else _error(post, truth)
     seconds = {"us_per_step": 1e6 * warm / post.y.shape[0], "compile_s": compiling}
     return {"method": name, **judged, **_innovations(post), **seconds, "note": _note(post)}, post
 

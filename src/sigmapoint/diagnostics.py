@@ -17,9 +17,9 @@ from jaxtyping import Float
 
 from sigmapoint import verdicts
 from sigmapoint.consistency import Consistency, Coverage, consistency, coverage, normalised
-from sigmapoint.results import Posterior
+from sigmapoint.results import Posterior, field, host, input_columns
 from sigmapoint.verdicts import Verdict
-from sigmapoint.whiteness import Element, columns, examined
+from sigmapoint.whiteness import COLUMNS, Element, examined
 
 
 class Diagnosis(NamedTuple):
@@ -36,27 +36,11 @@ class Diagnosis(NamedTuple):
 
 def errors(post: Posterior, truth: Any) -> Float[np.ndarray, "T n"]:
     """Truth minus estimate, in the model's `state_space`."""
-    mean, truth = field(post, "mean"), np.asarray(jax.device_get(truth), float)
+    mean, truth = field(post, "mean"), host(truth).astype(float)
     if truth.shape != mean.shape:
         raise ValueError(f"truth must have the shape of the estimates, {mean.shape}, got {truth.shape}")
     difference = jax.vmap(post.labels.state_space.residual)
     return np.asarray(difference(jnp.asarray(truth, mean.dtype), jnp.asarray(mean)))
-
-
-def field(post: Posterior, name: str) -> np.ndarray:
-    """One field of the result of one series, as a NumPy array."""
-    if np.ndim(post.log_likelihood):
-        shape = np.shape(post.log_likelihood)
-        raise ValueError(f"this result is a batch of shape {shape}; pick one with jax.tree.map(lambda a: a[i], post)")
-    if getattr(post, name) is None:
-        raise ValueError(f"this result has no {name}: call sp.filter with keep=({name!r}, ...), or without keep")
-    return np.asarray(jax.device_get(getattr(post, name)))
-
-
-def tangent_names(post: Posterior) -> tuple[str, ...]:
-    """Names of the columns of `std`: those of the states, or `d0, d1, …` on a manifold of fewer dimensions."""
-    n, names = field(post, "std").shape[1], post.labels.states
-    return names if len(names) == n else tuple(f"d{i}" for i in range(n))
 
 
 def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
@@ -85,7 +69,7 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
     """
     innovation, nis = field(post, "innovation"), field(post, "nis")
     normal = normalised(innovation, field(post, "innovation_cov"))
-    inputs = columns(post.u, len(nis))
+    inputs = dict(list(input_columns(post.u, len(nis)).items())[:COLUMNS])
     names = post.labels.observations
     elements = tuple(examined(name, z, inputs) for name, z in zip(names, normal.white.T))
     measured = np.isfinite(np.asarray(post.y)).any(1)
@@ -98,5 +82,5 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
 def _against(post: Posterior, truth: Any) -> tuple[Consistency, tuple[Coverage, ...]]:
     error, std = errors(post, truth), field(post, "std")
     normal = normalised(error, field(post, "cov"))
-    rows = zip(tangent_names(post), error.T, std.T)
+    rows = zip(post.labels.directions(std.shape[1]), error.T, std.T)
     return consistency(normal.squared, normal.degrees), tuple(coverage(*row) for row in rows)

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from sigmapoint import checks
+from sigmapoint.belief import Belief, Split, covariance
 from sigmapoint.blackbox import guarded
 from sigmapoint.carry import Functions, Points
-from sigmapoint.gaussian import Belief, Split, covariance
 from sigmapoint.iterate import relinearized
 from sigmapoint.linalg import solve_lower
 from sigmapoint.methods import Method, srcdkf

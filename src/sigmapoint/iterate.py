@@ -12,8 +12,8 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from sigmapoint.belief import Belief
 from sigmapoint.carry import Functions, Joint, whitened
-from sigmapoint.gaussian import Belief
 from sigmapoint.rules.linearization import Linearization, Rule
 
 

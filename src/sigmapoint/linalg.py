@@ -10,9 +10,11 @@ lower triangular: the strictly upper part of `K` is that of `L⁻¹B`, by forwar
 zero.
 """
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 
 def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
@@ -63,50 +65,53 @@ def norm_rows(A: Float[Array, "n k"]) -> Float[Array, " n"]:
     return safe_sqrt(squares)
 
 
-def tria(A: Float[Array, "n k"], known: Float[Array, "n n"] | None = None) -> Float[Array, "n n"]:
+def tria(A: Float[Array, "n k"], known: Float[Array, "n n"] | None = None, *, tested: int = 0) -> Float[Array, "n n"]:
     """Lower triangular `L` with `L Lᵀ = A Aᵀ` and a diagonal that is not negative, by Householder reflections.
 
-    A row that is, up to round-off, a combination of those above it has a pivot of exactly zero and a column of zeros,
-    as in the Cholesky factor of `A Aᵀ`: the factor of a singular covariance is the same in either form.
+    A row that is a combination of those above it has a pivot of zero and a column of zeros, as in the Cholesky factor
+    of `A Aᵀ`: the factor of a singular covariance is the same in either form.
 
     Args:
         A: columns whose outer products add up to the covariance.
         known: a covariance that some of the columns of `A` are a (derivative-free) factor of. It adds nothing to the
             value; derivatives flow through it instead of through its factor, whose own derivative is infinite where
             the covariance is zero.
+        tested: how many of the first rows count as combinations of those above already where that is so up to
+            round-off. Of the others, a pivot far below the round-off of its row is kept: it is accurate, and a small
+            variance is not a known one.
     """
     n = A.shape[0]
-    return _tria(A, jnp.zeros((n, n), A.dtype) if known is None else known)
+    return _tria(tested, A, jnp.zeros((n, n), A.dtype) if known is None else known)
 
 
-@jax.custom_jvp
-def _tria(A: Array, known: Array) -> Array:
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _tria(tested: int, A: Array, known: Array) -> Array:
     del known
-    return _reflected(A, A.shape[0])
+    return _reflected(A, A.shape[0], tested)
 
 
 @_tria.defjvp
-def _tria_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+def _tria_jvp(tested: int, primals: tuple, tangents: tuple) -> tuple[Array, Array]:
     (A, known), (dA, dknown) = primals, tangents
     n, k = A.shape
     fixed, fixed_known = jax.lax.stop_gradient((A, known))
-    both = _reflected(jnp.concatenate([fixed, jnp.eye(k, dtype=A.dtype)]), n)
+    both = _reflected(jnp.concatenate([fixed, jnp.eye(k, dtype=A.dtype)]), n, tested)
     L, Q = both[:n], both[n:]
     # For second derivatives: both again, the same in value, as functions of A and of `known`.
     L = L + _change(L, Q, A - fixed, known - fixed_known)
-    rows = solve_lower(L, A)
+    rows = _resolved(L, A)
     Q = Q + (rows - jax.lax.stop_gradient(rows)).T
     return L, _change(L, Q, dA, dknown)
 
 
 def _change(L: Array, Q: Array, dA: Array, dknown: Array) -> Array:
     """The change of L with A and `known`, to first order; see the module."""
-    B = dA @ Q + 0.5 * solve_lower(L, dknown).T
-    K = jnp.triu(solve_lower(L, B), 1)
+    B = dA @ Q + 0.5 * _resolved(L, dknown).T
+    K = jnp.triu(_resolved(L, B), 1)
     return jnp.tril(B - L @ (K - K.T))
 
 
-def _reflected(A: Float[Array, "r k"], n: int) -> Float[Array, "r n"]:
+def _reflected(A: Float[Array, "r k"], n: int, tested: int) -> Float[Array, "r n"]:
     """`A Q` for the orthonormal `Q` that makes its first `n` rows lower triangular.
 
     Every row that is not a combination of those above takes the direction of its largest element out of all others:
@@ -114,8 +119,7 @@ def _reflected(A: Float[Array, "r k"], n: int) -> Float[Array, "r n"]:
     Higham 1998). A row that is such a combination takes nothing and leaves a column of zeros.
     """
     r, k = A.shape
-    scale = jnp.max(jnp.abs(A[:n]), axis=1)
-    floor = 32 * jnp.finfo(A.dtype).eps * k**0.5 * scale * norm_rows(A[:n] / _or_one(scale)[:, None])
+    floor = jnp.where(jnp.arange(n) < tested, 32 * jnp.finfo(A.dtype).eps * jnp.sum(jnp.abs(A[:n]), axis=1), 0.0)
 
     def take(j: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         A, columns = carry
@@ -134,6 +138,13 @@ def _reflected(A: Float[Array, "r k"], n: int) -> Float[Array, "r n"]:
         return A.at[j].set(0.0), columns.at[:, j].set(column)
 
     return jax.lax.fori_loop(0, n, take, (A, jnp.zeros((r, n), A.dtype)))[1]
+
+
+def _resolved(L: Array, b: Array) -> Array:
+    """`L⁻¹ b` where pivots that are mere round-off of their row count as zero."""
+    noise = jnp.finfo(L.dtype).eps * L.shape[0] * norm_rows(L)
+    solid = jnp.abs(jnp.diagonal(L)) > noise
+    return solve_lower(jnp.where(jnp.diag(~solid), 0.0, L), b)
 
 
 def _or_one(x: Array) -> Array:

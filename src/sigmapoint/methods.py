@@ -17,8 +17,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from sigmapoint import checks
+from sigmapoint.belief import Belief, Dense, SquareRoot
 from sigmapoint.carry import Augmented, Carry, ExtendedSet, Redraw
-from sigmapoint.gaussian import Belief, Dense, SquareRoot
 from sigmapoint.rules.central import CentralDifference
 from sigmapoint.rules.cubature import Cubature
 from sigmapoint.rules.hermite import GaussHermite

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
-from sigmapoint.gaussian import Spread
+from sigmapoint.belief import Spread
 from sigmapoint.spaces import Space
 
 

@@ -36,6 +36,10 @@ class Labels(eqx.Module):
             model.state_space,
         )
 
+    def directions(self, n: int) -> tuple[str, ...]:
+        """Names of the n elements of an error: the states, or `d0, d1, …` on a manifold of fewer dimensions."""
+        return self.states if n == len(self.states) else tuple(f"d{i}" for i in range(n))
+
 
 class Posterior(eqx.Module):
     """Beliefs over a series; what was not kept is None. Under `jax.vmap` every field has a further leading axis.
@@ -102,12 +106,40 @@ class Posterior(eqx.Module):
         return plot_states(self, time, truth)
 
 
-def series_of(post: Posterior) -> tuple[np.ndarray, np.ndarray]:
-    """Means and standard deviations (T, n) of one series, as NumPy arrays."""
-    if post.mean is None or post.std is None:
-        raise ValueError("this result has no mean or no std: call sp.filter with keep=('mean', 'std', ...)")
-    if post.mean.ndim != 2:
-        raise ValueError(
-            f"this result is a batch, mean has shape {post.mean.shape}; take one: jax.tree.map(lambda a: a[i], post)"
-        )
-    return np.asarray(jax.device_get(post.mean)), np.asarray(jax.device_get(post.std))
+def field(post: Posterior, name: str) -> np.ndarray:
+    """One field of the result of one series, as a NumPy array.
+
+    Raises:
+        ValueError: a batch of results, or a field that was not kept.
+    """
+    check_single(post)
+    value = getattr(post, name)
+    if value is None:
+        raise ValueError(f"this result has no {name}: call sp.filter with keep=({name!r}, ...), or without keep")
+    return host(value)
+
+
+def check_single(post: Posterior) -> None:
+    """Raise where the result is a batch."""
+    if np.ndim(post.log_likelihood):
+        shape = np.shape(post.log_likelihood)
+        raise ValueError(f"this result is a batch of shape {shape}; pick one with jax.tree.map(lambda a: a[i], post)")
+
+
+def host(value: Any) -> np.ndarray:
+    """A NumPy array, from whatever device."""
+    return np.asarray(jax.device_get(value))
+
+
+def input_columns(u: Any, T: int) -> dict[str, Float[np.ndarray, "T"]]:
+    """Every numeric column of the inputs by name: `current`, `u0`, `wheel.left`."""
+    found: dict[str, np.ndarray] = {}
+    for path, leaf in jax.tree_util.tree_leaves_with_path(u):
+        values = host(leaf)
+        if values.shape[:1] != (T,) or values.dtype.kind not in "fiub":
+            continue
+        name = jax.tree_util.keystr(path, simple=True, separator=".") or "u"
+        flat = values.reshape(T, -1).astype(float)
+        labels = [name] if values.ndim == 1 else [f"{name}{i}" for i in range(flat.shape[1])]
+        found.update(zip(labels, flat.T))
+    return found

@@ -15,9 +15,9 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from sigmapoint import checks
+from sigmapoint.belief import Belief
 from sigmapoint.blackbox import guarded
 from sigmapoint.filtering import Filter, FilterState, fields, prepared, scan
-from sigmapoint.gaussian import Belief
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.results import FIELDS, Posterior

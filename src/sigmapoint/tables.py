@@ -3,11 +3,9 @@
 from datetime import UTC, datetime
 from typing import Any
 
-import jax
 import numpy as np
 
-from sigmapoint.results import Posterior
-from sigmapoint.whiteness import columns
+from sigmapoint.results import Posterior, check_single, host, input_columns
 
 
 def to_xarray(post: Posterior, time: Any = None) -> Any:
@@ -38,9 +36,9 @@ def to_xarray(post: Posterior, time: Any = None) -> Any:
         import xarray as xr
     except ImportError as error:
         raise ImportError("to_xarray needs xarray: pip install sigmapoint[cli]") from error
-    T = _rows(post)
-    labels = post.labels
-    tangent = _names(labels.states, post.std, post.cov)
+    check_single(post)
+    T, labels = post.y.shape[0], post.labels
+    tangent = _directions(post)
     state, delta = "state", "state" if tangent == labels.states else "tangent"
     dims = {
         "mean": ("time", state),
@@ -51,10 +49,10 @@ def to_xarray(post: Posterior, time: Any = None) -> Any:
         "nis": ("time",),
     }
     kept = {name: getattr(post, name) for name in dims}
-    fields = {name: (dims[name], _host(values)) for name, values in kept.items() if values is not None}
+    fields = {name: (dims[name], host(values)) for name, values in kept.items() if values is not None}
     sensed = "observation" if post.y.shape[1] == len(labels.observations) else "measured"
-    fields["y"] = (("time", sensed), _host(post.y))
-    inputs = columns(post.u, T)
+    fields["y"] = (("time", sensed), host(post.y))
+    inputs = input_columns(post.u, T)
     if inputs:
         fields["u"] = (("time", "input"), np.stack(list(inputs.values()), 1))
     coords: dict[str, Any] = {
@@ -101,24 +99,25 @@ def to_frame(post: Posterior, time: Any = None) -> Any:
         import pandas as pd
     except ImportError as error:
         raise ImportError("to_frame needs pandas: pip install sigmapoint[cli]") from error
-    T, labels = _rows(post), post.labels
+    check_single(post)
+    T, labels = post.y.shape[0], post.labels
     table: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
 
     def add(names: tuple[str, ...], kind: str, values: Any, unit: tuple[str, ...]) -> None:
-        for i, column in enumerate(_host(values).T if values is not None else ()):
+        for i, column in enumerate(host(values).T if values is not None else ()):
             name = f"{names[i]}{kind}" if i < len(names) else f"y{i}{kind}"
             while name in table:
                 name += "_"
             table[name], units[name] = column, unit[i] if i < len(unit) else ""
 
-    tangent = _names(labels.states, post.std, post.cov)
+    tangent = _directions(post)
     add(labels.states, "", post.mean, labels.state_units)
     add(tangent, " std", post.std, labels.state_units if tangent == labels.states else ())
     add(labels.observations, " measured", post.y, labels.observation_units)
     add(labels.observations, " innovation", post.innovation, labels.observation_units)
     if post.innovation_cov is not None:
-        spread = np.sqrt(np.einsum("tii->ti", _host(post.innovation_cov)))
+        spread = np.sqrt(np.einsum("tii->ti", host(post.innovation_cov)))
         add(labels.observations, " innovation std", spread, labels.observation_units)
     add(("nis",), "", None if post.nis is None else post.nis[:, None], ("1",))
     frame = pd.DataFrame(table, index=pd.Index(instants(time, T), name="time"))
@@ -130,7 +129,7 @@ def instants(time: Any, T: int) -> np.ndarray:
     """Time stamps of T rows: 0, 1, 2, … where not given; numbers as they are; dates as `datetime64` (UTC if zoned)."""
     if time is None:
         return np.arange(T)
-    values = np.asarray(jax.device_get(time))
+    values = host(time)
     if values.shape != (T,):
         raise ValueError(f"time must be one value for each of the {T} rows, got shape {values.shape}")
     if values.dtype.kind in "OUS":
@@ -149,18 +148,7 @@ def _naive(t: Any) -> Any:
     return t.astimezone(UTC).replace(tzinfo=None) if getattr(t, "tzinfo", None) else t
 
 
-def _names(states: tuple[str, ...], *known: Any) -> tuple[str, ...]:
-    """Names along `std` and `cov`: those of the states, or `d0, d1, …` on a manifold of fewer dimensions."""
-    size = next((a.shape[1] for a in known if a is not None), len(states))
-    return states if size == len(states) else tuple(f"d{i}" for i in range(size))
-
-
-def _rows(post: Posterior) -> int:
-    if np.ndim(post.log_likelihood):
-        shape = np.shape(post.log_likelihood)
-        raise ValueError(f"this result is a batch of shape {shape}; pick one with jax.tree.map(lambda a: a[i], post)")
-    return post.y.shape[0]
-
-
-def _host(value: Any) -> np.ndarray:
-    return np.asarray(jax.device_get(value))
+def _directions(post: Posterior) -> tuple[str, ...]:
+    """Names along `std` and `cov`."""
+    kept = [a.shape[1] for a in (post.std, post.cov) if a is not None]
+    return post.labels.directions(kept[0] if kept else len(post.labels.states))

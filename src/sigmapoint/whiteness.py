@@ -10,9 +10,8 @@ The correlation with an input column v is taken with v[k] (it enters h) and v[k-
 deviation is √(Σ_l ρ_l(z) ρ_l(v) / N), so that two slow series are not taken for related (Bartlett 1946).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -50,20 +49,6 @@ class Element(NamedTuple):
     jarque_bera: float
     """p-value of normality"""
     inputs: tuple[InputCorrelation, ...]
-
-
-def columns(u: Any, T: int) -> dict[str, Float[np.ndarray, "T"]]:
-    """Every numeric column of the inputs by name: `current`, `u0`, `wheel.left`; at most 32 of them."""
-    found: dict[str, np.ndarray] = {}
-    for path, leaf in jax.tree_util.tree_leaves_with_path(u):
-        values = np.asarray(jax.device_get(leaf))
-        if values.shape[:1] != (T,) or values.dtype.kind not in "fiub":
-            continue
-        name = jax.tree_util.keystr(path, simple=True, separator=".") or "u"
-        flat = values.reshape(T, -1).astype(float)
-        labels = [name] if values.ndim == 1 else [f"{name}{i}" for i in range(flat.shape[1])]
-        found.update(zip(labels, flat.T))
-    return dict(list(found.items())[:COLUMNS])
 
 
 def autocorrelation(z: Float[np.ndarray, "T"], lags: int) -> tuple[Float[np.ndarray, "L"], Float[np.ndarray, "L"]]:

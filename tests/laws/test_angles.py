@@ -47,7 +47,7 @@ def _series():
     [sp.ekf(), sp.srukf(), sp.cdkf(), sp.srckf(), sp.srghkf(), sp.augmented(sp.srcdkf()), sp.iterated(sp.srukf(), 3)],
     ids=str,
 )
-@pytest.mark.parametrize("run", [sp.filter, sp.smooth])
+@pytest.mark.parametrize("run", [pytest.param(sp.filter, marks=pytest.mark.slow), sp.smooth])
 def test_wrapped_bearing_is_the_unwrapped_one(method, run):
     y = _series()
     wrapped_y = (y + np.pi) % TURN - np.pi

@@ -118,7 +118,7 @@ def test_float32_in_float32_out():
     post = sp.filter(model, Y, None, sp.srcdkf())
     assert {a.dtype for a in jax.tree.leaves(post)} == {jnp.dtype("float32")}
     double = sp.filter(MODEL, Y, None, sp.srcdkf())
-    assert np.max(np.abs(post.mean - double.mean) / double.std) < 0.02
+    assert np.max(np.abs(np.asarray(post.mean) - np.asarray(double.mean)) / np.asarray(double.std)) < 0.02
 
 
 def test_joint_with_zero_variance_is_the_state_filter():
@@ -130,9 +130,9 @@ def test_joint_with_zero_variance_is_the_state_filter():
         P.R,
         sp.Gaussian(np.concatenate([[1.0], P.m0]), np.pad(P.P0, ((1, 0), (1, 0)))),
     )
-    for method in (sp.ekf(), sp.srekf(), sp.cdkf(), sp.srcdkf()):
-        for run in (sp.filter, sp.smooth):
-            a, b = run(wide, Y, None, method), run(MODEL, Y, None, method)
-            assert np.max(np.abs(a.mean[:, 1:] - b.mean) / b.std) < 1e-9
-            np.testing.assert_allclose(a.std[:, 1:], b.std, rtol=1e-9)
-            assert float(np.abs(a.std[:, 0]).max()) == 0
+    for method in (sp.srekf(), sp.cdkf(), sp.srcdkf()):
+        a, b = sp.smooth(wide, Y, None, method), sp.smooth(MODEL, Y, None, method)
+        assert np.max(np.abs(a.mean[:, 1:] - b.mean) / b.std) < 1e-9
+        np.testing.assert_allclose(a.std[:, 1:], b.std, rtol=1e-9)
+        np.testing.assert_allclose(a.log_likelihood, b.log_likelihood, rtol=1e-12)
+        assert float(np.abs(a.std[:, 0]).max()) == 0

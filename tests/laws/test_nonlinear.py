@@ -30,8 +30,15 @@ def _std(cov) -> np.ndarray:
     return np.sqrt(np.einsum("tii->ti", cov))
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("method", ["ekf", "ukf", "cdkf", "simplex", "augmented"])
+FORMS = ["ekf", "ukf", "cdkf", "simplex", "augmented"]
+QUICK = {(name, "cdkf") for name in NAMES} | {("coordinated_turn", form) for form in FORMS}
+
+
+def _quick_or_slow(name, form):
+    return pytest.param(name, form, marks=() if (name, form) in QUICK else pytest.mark.slow)
+
+
+@pytest.mark.parametrize(("name", "method"), [_quick_or_slow(name, form) for name in NAMES for form in FORMS])
 def test_dense_is_square_root(name, method):
     problem = TEXTBOOK[name]
     _, y = simulate(problem, 0)

@@ -140,7 +140,7 @@ def test_nothing_is_left_behind_when_writing_fails(run, tmp_path, monkeypatch):
 def test_what_cannot_be_reported_is_refused_by_name(run, tmp_path):
     posts, x = run
     path = tmp_path / "report.html"
-    with pytest.raises(ValueError, match="result must be"):
+    with pytest.raises(ValueError, match="result must come from"):
         report({}, path)
     with pytest.raises(ValueError, match="batch of shape"):
         report(jax.tree.map(lambda a: a[None], posts["ukf"]), path)

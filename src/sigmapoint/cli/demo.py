@@ -20,7 +20,7 @@ from sigmapoint.cli.expressions import parse_methods
 from sigmapoint.cli.run import Debug, frame_of
 from sigmapoint.data import Log, load_leaf
 from sigmapoint.methods import Method
-from sigmapoint.results import Posterior, series_of
+from sigmapoint.results import Posterior, field
 
 METHODS = "ekf,ukf,srukf,cdkf,srcdkf,ckf,ghkf"
 WRONG_BY = 0.2
@@ -98,7 +98,7 @@ def finals(case: Case, results: Mapping[str, Estimated]) -> list[dict[str, Any]]
     """Rows of the table of last estimates: resistance e^ρ r0, and state of charge."""
     rows = []
     for name, result in results.items():
-        mean, std = (array[-1] for array in series_of(result.post))
+        mean, std = (field(result.post, name)[-1] for name in ("mean", "std"))
         ohm = case.resistance * float(np.exp(mean[4]))
         rows.append(
             {
@@ -133,7 +133,7 @@ def frames(case: Case, results: Mapping[str, Estimated]) -> Any:
 
 def summary(case: Case, results: Mapping[str, Estimated], seconds: float) -> dict[str, Any]:
     """What `summary.json` says."""
-    last = {name: [array[-1] for array in series_of(r.post)] for name, r in results.items()}
+    last = {name: [field(r.post, part)[-1] for part in ("mean", "std")] for name, r in results.items()}
     methods = {
         name: r.score
         | {"log_likelihood": float(r.post.log_likelihood), "seconds": r.seconds}

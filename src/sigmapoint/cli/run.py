@@ -15,7 +15,7 @@ from sigmapoint.cli import modelfile, output
 from sigmapoint.cli.data import Clock
 from sigmapoint.cli.errors import blaming, folder, guarded
 from sigmapoint.cli.expressions import parse_method
-from sigmapoint.results import Posterior, series_of
+from sigmapoint.results import Posterior, field
 
 Model = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Has `model` or `build(u, time)`, and `measurements`.")]
 Data = Annotated[Path, typer.Argument(metavar="DATA", help="Logged data: .csv, .csv.gz or .parquet, one row a sample.")]
@@ -84,12 +84,11 @@ def frame_of(post: Posterior, clock: Clock) -> Any:
 
 def final_rows(post: Posterior) -> list[dict[str, Any]]:
     """The last belief, one row a state."""
-    mean, std = series_of(post)
-    names = post.labels.states if len(post.labels.states) == mean.shape[1] else [f"x{i}" for i in range(mean.shape[1])]
+    mean, std = field(post, "mean"), field(post, "std")
     stds = std[-1] if std.shape == mean.shape else np.full(mean.shape[1], np.nan)
     return [
         {"state": name, "estimate": float(m), "std": float(s), "unit": unit}
-        for name, m, s, unit in zip(names, mean[-1], stds, post.labels.state_units)
+        for name, m, s, unit in zip(post.labels.states, mean[-1], stds, post.labels.state_units)
     ]
 
 

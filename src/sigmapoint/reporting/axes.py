@@ -2,10 +2,9 @@
 
 from typing import Any
 
-import jax
 import numpy as np
 
-from sigmapoint.results import Posterior, series_of
+from sigmapoint.results import Posterior, field, host
 from sigmapoint.tables import instants
 
 SHOWN = 12
@@ -31,10 +30,10 @@ def plot_states(post: Posterior, time: Any = None, truth: Any = None) -> np.ndar
         import matplotlib.pyplot as plt
     except ImportError as error:
         raise ImportError("plot needs matplotlib: pip install sigmapoint[cli]") from error
-    mean, std = series_of(post)
+    mean, std = field(post, "mean"), field(post, "std")
     T, n = mean.shape
     x = instants(time, T)
-    true = None if truth is None else np.asarray(jax.device_get(truth))
+    true = None if truth is None else host(truth)
     if true is not None and true.shape != mean.shape:
         raise ValueError(f"truth must have the shape of the estimates, {mean.shape}, got {true.shape}")
     drawn = min(n, SHOWN)

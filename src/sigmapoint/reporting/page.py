@@ -21,7 +21,7 @@ from sigmapoint.reporting.decimate import POINTS
 from sigmapoint.reporting.html import Graphs, number, section, table
 from sigmapoint.reporting.runs import Runs, runs_of
 from sigmapoint.reporting.sections import accuracy, innovations, nis, states, summary, trust, whiteness
-from sigmapoint.results import Posterior
+from sigmapoint.results import Posterior, check_single
 from sigmapoint.storage import write_atomically
 from sigmapoint.tables import instants
 
@@ -75,9 +75,7 @@ def report(
             "result must come from sp.filter, sp.smooth or sp.compare, or be a dict of name to such results, got "
             f"{type(first).__name__}"
         )
-    if np.ndim(first.log_likelihood):
-        shape = np.shape(first.log_likelihood)
-        raise ValueError(f"result is a batch of shape {shape}; pick one with jax.tree.map(lambda a: a[i], post)")
+    check_single(first)
     x = instants(time, first.y.shape[0])
     runs = runs_of(result, x, "sample" if time is None else "time", truth)
     page = _page(title or "Estimation report", runs, tables or (), [notes] if isinstance(notes, str) else notes or ())

@@ -3,13 +3,12 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float, Int
 
 from sigmapoint.consistency import normalised
 from sigmapoint.diagnostics import Diagnosis, diagnose, errors
-from sigmapoint.results import Labels, Posterior
+from sigmapoint.results import Labels, Posterior, host
 
 COLORS = ("#2f81f7", "#f08a24", "#1fa97a", "#b068e8", "#e5534b", "#12a5b8", "#c9a227", "#8d99ae")
 """Readable on light and dark ground."""
@@ -61,9 +60,9 @@ def runs_of(result: Posterior | Mapping[str, Posterior], x: np.ndarray, axis: st
     for name, post in posts.items():
         if post.y.shape != first.y.shape or post.labels != first.labels:
             raise ValueError(f"result {name!r} is of another series or model than the first; make one report for each")
-    true = None if truth is None else np.asarray(jax.device_get(truth), float)
+    true = None if truth is None else host(truth).astype(float)
     each = [_run(i, name, post, true, 0.18 / len(posts) ** 0.5) for i, (name, post) in enumerate(posts.items())]
-    return Runs(each, first.labels, _host(first.y), x, axis, true)
+    return Runs(each, first.labels, host(first.y), x, axis, true)
 
 
 def _run(i: int, name: str, post: Posterior, truth: np.ndarray | None, opacity: float) -> Run:
@@ -81,17 +80,13 @@ def _run(i: int, name: str, post: Posterior, truth: np.ndarray | None, opacity: 
         std=_optional(post.std),
         error=errors(post, truth) if judged else None,
         innovation=_optional(innovation),
-        spread=None if S is None else np.sqrt(np.maximum(np.einsum("tii->ti", _host(S)), 0)),
+        spread=None if S is None else np.sqrt(np.maximum(np.einsum("tii->ti", host(S)), 0)),
         nis=_optional(post.nis),
-        degrees=normalised(_host(innovation), _host(S)).degrees if checkable else None,
+        degrees=normalised(host(innovation), host(S)).degrees if checkable else None,
         diagnosis=diagnose(post, truth_too) if checkable else None,
         log_likelihood=float(post.log_likelihood),
     )
 
 
 def _optional(value: Any) -> np.ndarray | None:
-    return None if value is None else _host(value)
-
-
-def _host(value: Any) -> np.ndarray:
-    return np.asarray(jax.device_get(value))
+    return None if value is None else host(value)

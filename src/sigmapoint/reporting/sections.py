@@ -194,8 +194,8 @@ def _known(run: Run, i: int) -> bool:
 def _tangent(runs: Runs) -> list[tuple[str, str]]:
     """Names and units of the elements of an error: those of the states, or `d0, d1, …` on a manifold."""
     size = next((run.error.shape[1] for run in runs.each if run.error is not None), 0)
-    named = list(zip(runs.labels.states, runs.labels.state_units))
-    return named if size == len(named) else [(f"d{i}", "") for i in range(size)]
+    names = runs.labels.directions(size)
+    return list(zip(names, runs.labels.state_units if names == runs.labels.states else [""] * size))
 
 
 def _measured(runs: Runs) -> str:

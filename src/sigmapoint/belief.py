@@ -145,7 +145,7 @@ class SquareRoot(NamedTuple):
         top = jnp.concatenate([y.slope, y.residual, jax.lax.stop_gradient(noise.factor)], axis=1)
         bottom = jnp.concatenate([x.slope, _padded(x.residual, y.residual)], axis=1)
         bottom = jnp.pad(bottom, ((0, 0), (0, top.shape[1] - bottom.shape[1])))
-        root = tria(jnp.concatenate([top, bottom]), known=jnp.pad(noise.cov, ((0, n), (0, n))))
+        root = tria(jnp.concatenate([top, bottom]), known=jnp.pad(noise.cov, ((0, n), (0, n))), tested=d)
         informative = active & (jnp.diagonal(root)[:d] != 0)
         S = jnp.where(informative[:, None], root[:d, :d], jnp.eye(d, dtype=dtype))
         return Split(S, root[d:, :d], root[d:, d:], informative)
