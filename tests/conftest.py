@@ -1,5 +1,9 @@
 """Every test runs in float64 with strict promotion; shapes in annotations are checked as the library runs."""
 
+import os
+
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")  # most programs here run once: compile fast
+
 import jax
 import pytest
 from jaxtyping import install_import_hook

@@ -95,15 +95,16 @@ def test_iterated_square_root_forms_agree_with_sixty_digits(name):
 
 @pytest.mark.parametrize("name", [n for n in DENSE if "ghkf" not in n])
 def test_dense_forms_lose_accuracy_but_never_soundness(name):
-    for case in ((1, True), (3, False)):
+    for case in ((1, True), (1, False)):
         post, _ = _run(CASES[case], DENSE[name], jnp.float64)
         _sound(post, jnp.float64)
 
 
+@pytest.mark.parametrize("m", [1, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", STANDARD)
-def test_float32_square_root_forms_stay_sound(name):
-    for case in ((1, False), (1, True), (3, False), (3, True)):
-        post, _ = _run(CASES[case], SQUARE_ROOT[name], jnp.float32)
+def test_float32_square_root_forms_stay_sound(name, m):
+    for coupled in (False, True):
+        post, _ = _run(CASES[m, coupled], SQUARE_ROOT[name], jnp.float32)
         assert post.mean.dtype == jnp.float32
         _sound(post, jnp.float32)
 
