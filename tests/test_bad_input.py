@@ -134,8 +134,15 @@ CASES = {
     "observation names too many": (lambda: run(observation_names=("a", "b")), "observation_names must be 1 string"),
     "simulate a number": (lambda: sp.simulate(5, 3, key=jax.random.key(0)), "model must be"),
     "black box not a function": (lambda: sp.blackbox(3), "callable"),
+    "an angle wider than its points can be": (lambda: _angle(3.63), "initial: the standard deviation of heading, 3.63"),
+    "a key that is none": (lambda: sp.simulate(model(), 3, key="0"), "key must be"),
     "angles without indices": (lambda: sp.angles(), "angles"),
 }
+
+
+def _angle(std, method=None):
+    parts = {"initial": sp.Gaussian(np.zeros(2), np.diag([std**2, 1.0])), "state_names": ("heading", "rate")}
+    return sp.filter(model(**parts, state_space=sp.angles(0)), np.ones((3, 1)), None, method)
 
 
 def _wide():
@@ -167,6 +174,21 @@ def as_a_user_sees_them() -> dict[str, str]:
 @pytest.mark.parametrize("case", CASES)
 def test_message_names_the_argument(case, as_a_user_sees_them):
     assert re.match("ValueError: .*" + CASES[case][1], as_a_user_sees_them[case], re.DOTALL), as_a_user_sees_them[case]
+
+
+def test_an_angle_within_half_a_turn_and_a_derivative_at_one_point_are_fine():
+    assert np.isfinite(_angle(1.0).mean).all()
+    assert np.isfinite(_angle(3.63, sp.ekf()).mean).all()
+
+
+def test_a_model_that_computes_with_numpy_is_told_what_to_write():
+    with pytest.raises(jax.errors.TracerArrayConversionError) as error:
+        run(dynamics=lambda x, u: np.sin(x))
+    assert "write jnp.sin for np.sin" in error.value.__notes__[0]
+
+
+def test_a_seed_is_a_key():
+    np.testing.assert_array_equal(sp.simulate(model(), 3, key=5)[0], sp.simulate(model(), 3, key=jax.random.key(5))[0])
 
 
 def test_nearly_symmetric_is_accepted():

@@ -1,10 +1,11 @@
 """Nonlinear estimation with sigma-point Kalman filters: hidden states from noisy data, with honest error bars."""
 
-from pathlib import Path
-from typing import Any
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
 
 from sigmapoint.blackbox import blackbox
 from sigmapoint.comparison import Comparison, compare
+from sigmapoint.diagnostics import diagnose
 from sigmapoint.filtering import FilterState, Info, filter
 from sigmapoint.methods import (
     Method,
@@ -35,18 +36,21 @@ from sigmapoint.smoothing import rts, smooth
 from sigmapoint.spaces import Manifold, angles
 from sigmapoint.storage import load, save
 
-__version__ = "0.1.0"
+if TYPE_CHECKING:
+    from sigmapoint.reporting import report
+
+__version__ = version("sigmapoint")
 
 
-def report(result: Any, path: Any, **options: Any) -> Path:
-    """Write one self-contained, interactive page about a result; see `sigmapoint.reporting.report` for the options.
-
-    Raises:
-        ImportError: the page needs `pip install sigmapoint[cli]`.
-    """
-    from sigmapoint.reporting import report as write
-
-    return write(result, path, **options)
+def __getattr__(name: str) -> Any:
+    """`report` is imported when it is asked for: it needs the packages of `sigmapoint[cli]`."""
+    if name != "report":
+        raise AttributeError(f"module 'sigmapoint' has no attribute {name!r}")
+    try:
+        from sigmapoint.reporting import report
+    except ModuleNotFoundError as error:
+        raise ImportError(f"report needs {error.name}: pip install sigmapoint[cli]") from error
+    return report
 
 
 __all__ = [
@@ -67,6 +71,7 @@ __all__ = [
     "cdkf",
     "ckf",
     "compare",
+    "diagnose",
     "ekf",
     "extended_set",
     "filter",

@@ -12,6 +12,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
+from sigmapoint.spaces import Euclidean
+
 
 def array(name: str, value: Any) -> Array:
     """As a floating-point array."""
@@ -105,6 +107,15 @@ def covariance(name: str, value: Array, series: bool = False) -> None:
         )
 
 
+def key(name: str, given: Any) -> Array:
+    """A random key, or a seed made into one."""
+    if isinstance(given, int | np.integer) and not isinstance(given, bool):
+        return jax.random.key(int(given))
+    if isinstance(given, jax.Array) and (jnp.issubdtype(given.dtype, jax.dtypes.prng_key) or given.shape == (2,)):
+        return given
+    raise ValueError(f"{name} must be jax.random.key(seed) or an integer seed, got {type(given).__name__}")
+
+
 def callables(**functions: Any) -> None:
     """Each is a function."""
     for name, function in functions.items():
@@ -121,6 +132,24 @@ def initial(belief: Any, space: Any) -> None:
     if cov.shape != (tangent, tangent):
         raise ValueError(
             f"initial.cov must be ({tangent}, {tangent}) for a mean of shape {mean.shape}, got {cov.shape}"
+        )
+
+
+def room(belief: Any, reach: float, space: Any, names: tuple[str, ...]) -> None:
+    """Points `reach` standard deviations out stay where they are put; an angle past half a turn does not."""
+    if isinstance(space, Euclidean) or not (known(belief.mean) and known(belief.cov)):
+        return
+    std = jnp.sqrt(jnp.diagonal(belief.cov)).astype(belief.mean.dtype)
+    steps = jnp.diag(reach * std)
+    back = jax.vmap(lambda step: space.residual(space.retract(belief.mean, step), belief.mean))(steps)
+    folded = ~np.isclose(back, steps, rtol=1e-3, atol=1e-6 * np.max(std, initial=0.0)).all(1)
+    if folded.any():
+        i = int(np.argmax(folded))
+        name = names[i] if len(names) == len(std) else f"element {i}"
+        raise ValueError(
+            f"initial: the standard deviation of {name}, {float(std[i]):.3g}, is too wide for its space: a sigma point "
+            f"{reach:.3g} of them away comes back elsewhere, as an angle does past half a turn. Use a smaller one, or "
+            "sp.ekf(), or hold the angle as its cosine and sine"
         )
 
 
@@ -181,6 +210,18 @@ def inputs(u: Any, T: int | None, dtype: Any) -> Any:
         return made
 
     return jax.tree_util.tree_map_with_path(leaf, u)
+
+
+def called(name: str, function: Any, *args: Any) -> Any:
+    """`function(*args)`; where it computes with NumPy, an error that says what to write in its place."""
+    try:
+        return function(*args)
+    except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError) as error:
+        error.add_note(
+            f"{name} is traced by JAX: write jnp.sin for np.sin or math.sin and jnp.where for if, or wrap a function "
+            "that cannot be traced, sp.blackbox(function)"
+        )
+        raise
 
 
 def returned(name: str, value: Any, shape: tuple[int, ...], meaning: str) -> Array:

@@ -52,8 +52,10 @@ class Comparison(NamedTuple):
 
     def to_frame(self) -> Any:
         """The rows as a `pandas.DataFrame` (`pip install sigmapoint[cli]`)."""
-        import pandas as pd
-
+        try:
+            import pandas as pd
+        except ImportError as error:
+            raise ImportError("to_frame needs pandas: pip install sigmapoint[cli]") from error
         return pd.DataFrame(self.rows).set_index("method")
 
 

@@ -22,6 +22,7 @@ from sigmapoint.methods import Method, srcdkf
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import NoiseSeries
 from sigmapoint.results import FIELDS, Labels, Posterior
+from sigmapoint.rules.linearization import SigmaPointRule
 
 LOG_2PI = 1.8378770664093453
 
@@ -74,11 +75,13 @@ class Filter(NamedTuple):
         model, dtype = self.model, self.model.initial.mean.dtype
 
         def f(*args: Any) -> Array:
-            value = checks.returned("dynamics", model.dynamics(*args), model.initial.mean.shape, "the next state")
+            value = checks.returned(
+                "dynamics", checks.called("dynamics", model.dynamics, *args), model.initial.mean.shape, "the next state"
+            )
             return value.astype(dtype)
 
         def h(*args: Any) -> Array:
-            value = model.observation(*args)
+            value = checks.called("observation", model.observation, *args)
             if observed is not None:
                 value = checks.returned("observation", value, observed, "one element for each column of y")
             return jnp.asarray(value).astype(dtype)
@@ -165,6 +168,9 @@ def prepared(model: StateSpaceModel, y: Any, u: Any, method: Method | None = Non
     y, u = checks.series(y, u, model.initial.mean.dtype)
     checks.space("observation_space", model.observation_space, y.shape[1])
     Labels.of(model, y.shape[1])
+    if isinstance(method.rule, SigmaPointRule):
+        reach = float(abs(method.rule.constants(model.initial.cov.shape[-1]).points).max())
+        checks.room(model.initial, reach, model.state_space, model.state_names)
     checks.long_enough(y.shape[0], process_noise=model.process_noise, observation_noise=model.observation_noise)
     return y, u, method
 

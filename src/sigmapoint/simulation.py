@@ -15,21 +15,21 @@ from sigmapoint.model import StateSpaceModel
 
 
 def simulate(
-    model: StateSpaceModel, T: int, *, key: Array, u: Any = None
+    model: StateSpaceModel, T: int, *, key: Array | int, u: Any = None
 ) -> tuple[Float[Array, "T d"], Float[Array, "T m"]]:
     """Draw states and measurements from a model.
 
     Args:
         model: the model; its noises are drawn as Gaussians.
         T: number of samples.
-        key: `jax.random.key(seed)`.
+        key: `jax.random.key(seed)`, or the seed.
         u: inputs with leading axis T, or nothing.
 
     Returns:
         States `x` (T, n) with x[0] from the initial belief, and measurements `y` (T, m).
 
     Raises:
-        ValueError: T below 1, inputs that do not fit.
+        ValueError: T below 1, inputs that do not fit, a key that is none.
 
     Examples:
         >>> import jax, jax.numpy as jnp, sigmapoint as sp
@@ -43,7 +43,7 @@ def simulate(
     T = checks.whole("T", T, 1)
     u = checks.inputs(u, T, model.initial.mean.dtype)
     checks.long_enough(T, process_noise=model.process_noise, observation_noise=model.observation_noise)
-    return guarded(_simulate, model, T, key, u)
+    return guarded(_simulate, model, T, checks.key("key", key), u)
 
 
 @eqx.filter_jit

@@ -4,6 +4,7 @@ A file is a NumPy `.npz` archive of the leaves of a pytree in order, with their 
 and renamed, so that a reader, or a crash, never meets half of one.
 """
 
+import errno
 import os
 import tempfile
 import zipfile
@@ -57,13 +58,24 @@ def load(path: str | os.PathLike, like: Tree) -> Tree:
     Raises:
         FileNotFoundError: no such file.
         ValueError: not a file of `save`, or one of another structure; the message names the first difference.
+
+    Examples:
+        >>> import tempfile, pathlib, jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> live = sp.online(model)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     sp.save(pathlib.Path(folder) / "state.npz", live.predict(live.init()))
+        ...     state = sp.load(pathlib.Path(folder) / "state.npz", like=live.init())
+        >>> int(state.step)
+        1
     """
     try:
         with np.load(path, allow_pickle=False) as archive:
             stored = {name: archive[name] for name in archive.files}
         paths = [str(p) for p in stored.pop(_PATHS)]
     except (zipfile.BadZipFile, KeyError, ValueError, EOFError, AttributeError, TypeError) as error:
-        raise ValueError(f"load: {os.fspath(path)} was not written by sp.save ({error})") from error
+        raise ValueError(f"load: {os.fspath(path)} was not written by sp.save") from error
     leaves, structure = jax.tree_util.tree_flatten_with_path(like)
     wanted = [jax.tree_util.keystr(where) for where, _ in leaves]
     if paths != wanted:
@@ -84,6 +96,8 @@ def load(path: str | os.PathLike, like: Tree) -> Tree:
 def write_atomically(path: str | os.PathLike, write: Callable[[IO[bytes]], Any]) -> None:
     """Call `write` on a temporary file beside `path`, and rename it there when all is on disk."""
     path = Path(path)
+    if not path.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "No such folder", str(path.parent))
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     try:
         with os.fdopen(descriptor, "wb") as file:

@@ -51,6 +51,8 @@ def to_xarray(post: Posterior, time: Any = None) -> Any:
     kept = {name: getattr(post, name) for name in dims}
     fields = {name: (dims[name], host(values)) for name, values in kept.items() if values is not None}
     sensed = "observation" if post.y.shape[1] == len(labels.observations) else "measured"
+    if post.nis is not None:
+        fields["nis"] = (("time",), _nis(post))
     fields["y"] = (("time", sensed), host(post.y))
     inputs = input_columns(post.u, T)
     if inputs:
@@ -82,7 +84,7 @@ def to_frame(post: Posterior, time: Any = None) -> Any:
     Returns:
         Indexed by `time`: for each state `soc` and `soc std`; for each measurement `voltage measured`,
         `voltage innovation`, `voltage innovation std`; `nis`. What was not kept is left out. Units are in
-        `frame.attrs["units"]`, by column, and are stored with a parquet file.
+        `frame.attrs["units"]`, by column, and are stored with a parquet file. `nis` is NaN where nothing was measured.
 
     Raises:
         ValueError: `time` of another length; a batch of results.
@@ -119,7 +121,7 @@ def to_frame(post: Posterior, time: Any = None) -> Any:
     if post.innovation_cov is not None:
         spread = np.sqrt(np.einsum("tii->ti", host(post.innovation_cov)))
         add(labels.observations, " innovation std", spread, labels.observation_units)
-    add(("nis",), "", None if post.nis is None else post.nis[:, None], ("1",))
+    add(("nis",), "", None if post.nis is None else _nis(post)[:, None], ("1",))
     frame = pd.DataFrame(table, index=pd.Index(instants(time, T), name="time"))
     frame.attrs["units"] = units
     return frame
@@ -146,6 +148,11 @@ def instants(time: Any, T: int) -> np.ndarray:
 def _naive(t: Any) -> Any:
     t = datetime.fromisoformat(t) if isinstance(t, str) else t
     return t.astimezone(UTC).replace(tzinfo=None) if getattr(t, "tzinfo", None) else t
+
+
+def _nis(post: Posterior) -> np.ndarray:
+    """NaN, not 0, where nothing was measured: a file has no degrees of freedom beside it."""
+    return np.where(np.isnan(host(post.y)).all(1), np.nan, host(post.nis))
 
 
 def _directions(post: Posterior) -> tuple[str, ...]:
