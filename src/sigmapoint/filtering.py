@@ -75,10 +75,8 @@ class Filter(NamedTuple):
         model, dtype = self.model, self.model.initial.mean.dtype
 
         def f(*args: Any) -> Array:
-            value = checks.returned(
-                "dynamics", checks.called("dynamics", model.dynamics, *args), model.initial.mean.shape, "the next state"
-            )
-            return value.astype(dtype)
+            value = checks.called("dynamics", model.dynamics, *args)
+            return checks.returned("dynamics", value, model.initial.mean.shape, "the next state").astype(dtype)
 
         def h(*args: Any) -> Array:
             value = checks.called("observation", model.observation, *args)
@@ -162,17 +160,23 @@ def filter(
 
 def prepared(model: StateSpaceModel, y: Any, u: Any, method: Method | None = None) -> tuple[Array, Any, Method]:
     """Checked measurements and inputs, and the method or its default."""
-    method = srcdkf() if method is None else method
-    checks.instance("model", model, StateSpaceModel)
-    checks.instance("method", method, Method)
+    method = fitting(model, method)
     y, u = checks.series(y, u, model.initial.mean.dtype)
     checks.space("observation_space", model.observation_space, y.shape[1])
     Labels.of(model, y.shape[1])
+    checks.long_enough(y.shape[0], process_noise=model.process_noise, observation_noise=model.observation_noise)
+    return y, u, method
+
+
+def fitting(model: StateSpaceModel, method: Method | None) -> Method:
+    """The method, or its default, checked together with the model."""
+    method = srcdkf() if method is None else method
+    checks.instance("model", model, StateSpaceModel)
+    checks.instance("method", method, Method)
     if isinstance(method.rule, SigmaPointRule):
         reach = float(abs(method.rule.constants(model.initial.cov.shape[-1]).points).max())
         checks.room(model.initial, reach, model.state_space, model.state_names)
-    checks.long_enough(y.shape[0], process_noise=model.process_noise, observation_noise=model.observation_noise)
-    return y, u, method
+    return method
 
 
 @eqx.filter_jit

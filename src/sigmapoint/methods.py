@@ -73,7 +73,21 @@ def srukf(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> Method:
 
 
 def julier_ukf(w0: float = 1 / 3) -> Method:
-    """Unscented filter with centre weight `w0` in [0, 1) (Julier & Uhlmann 1997)."""
+    """Unscented filter whose centre point has a weight of its own (Julier & Uhlmann 1997; κ = n w0 / (1 − w0)).
+
+    Args:
+        w0: weight of the centre, in [0, 1); 1/3 puts the points √(3n/2) out.
+
+    Raises:
+        ValueError: a weight outside [0, 1).
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x**2, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.ones(1), jnp.eye(1)))
+        >>> sp.filter(model, jnp.ones((4, 1)), method=sp.julier_ukf(0.5)).mean.shape
+        (4, 1)
+    """
     return Method(Julier(float(w0)), Dense)
 
 
@@ -83,7 +97,23 @@ def srjulier_ukf(w0: float = 1 / 3) -> Method:
 
 
 def simplex_ukf(alpha: float = 1.0, beta: float = 1.0, w0: float = 0.0) -> Method:
-    """Unscented filter on the fewest points, n+1 and the centre (Julier 2003); means to second degree only."""
+    """Unscented filter on the fewest points, n+1 and the centre (Julier 2003); means to second degree only.
+
+    Args:
+        alpha: spread of the points, relative.
+        beta: knowledge of the prior's tails.
+        w0: weight of the centre, in [0, 1).
+
+    Raises:
+        ValueError: settings whose covariance can lose positive definiteness.
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x**2, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.ones(1), jnp.eye(1)))
+        >>> sp.filter(model, jnp.ones((4, 1)), method=sp.simplex_ukf()).mean.shape
+        (4, 1)
+    """
     return Method(Simplex(float(alpha), float(beta), float(w0)), Dense)
 
 
@@ -93,7 +123,21 @@ def srsimplex_ukf(alpha: float = 1.0, beta: float = 1.0, w0: float = 0.0) -> Met
 
 
 def cdkf(h: float = 3**0.5) -> Method:
-    """Central difference Kalman filter with interval `h` (Nørgaard et al. 2000); h² = 3 suits Gaussians."""
+    """Central difference Kalman filter (Nørgaard, Poulsen & Ravn 2000; van der Merwe & Wan 2001).
+
+    Args:
+        h: interval of the differences in standard deviations; h² = 3, the kurtosis, suits Gaussians.
+
+    Raises:
+        ValueError: an interval below 1.
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x**2, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.ones(1), jnp.eye(1)))
+        >>> sp.filter(model, jnp.ones((4, 1)), method=sp.cdkf()).mean.shape
+        (4, 1)
+    """
     return Method(CentralDifference(float(h)), Dense)
 
 
@@ -103,7 +147,7 @@ def srcdkf(h: float = 3**0.5) -> Method:
 
 
 def ckf() -> Method:
-    """Cubature Kalman filter (Arasaratnam & Haykin 2009)."""
+    """Cubature Kalman filter (Arasaratnam & Haykin 2009): the unscented filter with α = 1, β = κ = 0."""
     return Method(Cubature(), Dense)
 
 
@@ -113,7 +157,21 @@ def srckf() -> Method:
 
 
 def ghkf(order: int = 3) -> Method:
-    """Gauss-Hermite Kalman filter: `order`ⁿ points, for few states (Ito & Xiong 2000)."""
+    """Gauss-Hermite Kalman filter: `order`ⁿ points, for few states (Ito & Xiong 2000).
+
+    Args:
+        order: points an axis; exact for polynomials up to degree 2·order − 1.
+
+    Raises:
+        ValueError: an order below 2; when a model is filtered, more points than memory is for.
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x**2, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.ones(1), jnp.eye(1)))
+        >>> sp.filter(model, jnp.ones((4, 1)), method=sp.ghkf(5)).mean.shape
+        (4, 1)
+    """
     return Method(GaussHermite(order), Dense)
 
 
@@ -156,6 +214,17 @@ def augmented(method: Method) -> Method:
     """One point set for state and both noises through f and h (Wan & van der Merwe 2001, Table 7.3.1).
 
     For `ekf` nothing changes: a derivative at the mean has no points to carry.
+
+    Args:
+        method: any method that is not iterated.
+
+    Raises:
+        ValueError: an iterated method.
+
+    Examples:
+        >>> import sigmapoint as sp
+        >>> sp.augmented(sp.srukf()).carry
+        Augmented()
     """
     return _carrying(method, Augmented())
 

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 
 from sigmapoint import checks
 from sigmapoint.blackbox import guarded
-from sigmapoint.filtering import Filter, FilterState, Info
-from sigmapoint.methods import Method, srcdkf
+from sigmapoint.filtering import Filter, FilterState, Info, fitting
+from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 
 
@@ -29,12 +29,19 @@ class OnlineFilter:
 
         Returns:
             The new state, and what the measurement looked like (innovation, its covariance, NIS, log-density).
+
+        Raises:
+            ValueError: a state that is none, a measurement of another shape, infinite values, NaN in `u`.
         """
         y, u = self._row(state, y, u)
         return guarded(_update, self._model, self._method, state, y, u)
 
     def predict(self, state: FilterState, u: Any = None) -> FilterState:
-        """Go on to the next instant, with the input `u` of the present one."""
+        """Go on to the next instant, with the input `u` of the present one.
+
+        Raises:
+            ValueError: a state that is none, NaN in `u`.
+        """
         _, u = self._row(state, (), u)
         return guarded(_predict, self._model, self._method, state, u)
 
@@ -56,6 +63,9 @@ def online(model: StateSpaceModel, method: Method | None = None) -> OnlineFilter
         model: the model. A time-varying noise is looked up by the state's `step`; past its end the last one holds.
         method: as for `filter`.
 
+    Raises:
+        ValueError: not a model or a method; an initial angle wider than the points can be.
+
     Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
@@ -67,10 +77,7 @@ def online(model: StateSpaceModel, method: Method | None = None) -> OnlineFilter
         >>> s.mean.shape, s.cov.shape, s.std.shape
         ((1,), (1, 1), (1,))
     """
-    method = srcdkf() if method is None else method
-    checks.instance("model", model, StateSpaceModel)
-    checks.instance("method", method, Method)
-    return OnlineFilter(model, method)
+    return OnlineFilter(model, fitting(model, method))
 
 
 @eqx.filter_jit

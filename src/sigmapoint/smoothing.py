@@ -54,7 +54,13 @@ def reverse(run: Filter, state: FilterState, u: Any, later: Belief) -> Belief:
 
 
 def rts() -> RTS:
-    """The Rauch-Tung-Striebel smoother."""
+    """The Rauch-Tung-Striebel smoother: backward, from what every transition was (Särkkä 2008).
+
+    Examples:
+        >>> import sigmapoint as sp
+        >>> sp.rts()
+        RTS()
+    """
     return RTS()
 
 

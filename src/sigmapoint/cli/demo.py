@@ -83,11 +83,12 @@ def scores(results: Mapping[str, Estimated]) -> list[dict[str, Any]]:
         rows.append(
             {
                 "method": name,
-                "RMS error [points]": s["soc_rms"],
-                "largest [points]": s["soc_max"],
-                "within ±2σ [%]": s["coverage"],
-                f"mean NIS ({low:.2f}–{high:.2f})": s["nis_mean"],
-                "NIS in its band [%]": s["nis_inside"],
+                "RMS [points]": s["soc_rms"],
+                "max [points]": s["soc_max"],
+                "in ±2σ [%]": s["coverage"],
+                "mean NIS": s["nis_mean"],
+                "its band": f"{low:.2f}–{high:.2f}",
+                "NIS in band [%]": s["nis_inside"],
                 "seconds": result.seconds,
             }
         )
@@ -189,6 +190,7 @@ def files(
     shown = results.get("srcdkf", next(iter(results.values()))).post
     page: dict[str, Any] = {
         "time": case.log.time,
+        "time_label": "time [s]",
         "truth": truth_of(case),
         "title": "State of charge of a Nissan Leaf cell at 25 °C",
         "tables": list(tables.items()),

@@ -56,7 +56,10 @@ def run(
         "estimates.parquet": output.parquet_file(frame_of(post, problem.clock)),
         "summary.json": output.json_file(summary(post, method, smooth, seconds) | {"final": rows}),
         "report.html": output.page_file(
-            post, time=problem.clock.shown, truth=problem.truth, title=f"{model.stem}: {method} on {data.name}"
+            post,
+            time=problem.clock.shown,
+            truth=problem.truth,
+            title=f"{model.stem}: {method}{', smoothed' if smooth else ''}, {data.name}",
         ),
     }
     paths = output.write_all(folder_out, files)

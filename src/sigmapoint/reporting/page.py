@@ -35,6 +35,7 @@ def report(
     path: str | os.PathLike,
     *,
     time: Any = None,
+    time_label: str = "time",
     truth: Any = None,
     title: str | None = None,
     tables: Sequence[tuple[str, Sequence[Mapping[str, Any]]]] | None = None,
@@ -46,6 +47,7 @@ def report(
         result: what `filter`, `smooth` or `compare` gave, or several results by name (methods over the same data).
         path: the file to write, `report.html`; replaced as a whole if it is there.
         time: instants (T,), numbers or dates; 0, 1, 2, … where not given.
+        time_label: what the horizontal axis says, with its unit: `time [s]`.
         truth: true states (T, n) where known, NaN where not.
         title: headline.
         tables: further tables, each a caption and rows (dictionaries of column to value).
@@ -77,7 +79,7 @@ def report(
         )
     check_single(first)
     x = instants(time, first.y.shape[0])
-    runs = runs_of(result, x, "sample" if time is None else "time", truth)
+    runs = runs_of(result, x, "sample" if time is None else time_label, truth)
     page = _page(title or "Estimation report", runs, tables or (), [notes] if isinstance(notes, str) else notes or ())
     path = Path(path)
     write_atomically(path, lambda file: file.write(page.encode()))
