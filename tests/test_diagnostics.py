@@ -180,6 +180,8 @@ def test_with_truth_errors_are_judged_too(white):
     worse = diagnose(made(white), 3 * truth)
     assert said(worse, "overconfident about the states")
     assert said(worse, "misses the truth too often")
+    assert not said(worse, "not a matter of noise levels")
+    assert said(diagnose(made(white, 0.5), 3 * truth), "not a matter of noise levels")
     partly = truth.copy()
     partly[:, 1] = np.nan
     assert diagnose(made(white), partly).nees.degrees == T

@@ -47,7 +47,7 @@ def of(
         said += [_consistent(nis, *NIS), *_whiteness(elements)]
         said += [v for e in elements if e.samples >= FEW for v in (*_bias(e), *_tails(e), *_inputs(e))]
     if nees is not None and nees.rows:
-        said += [_consistent(nees, *NEES), *_coverage(coverage)]
+        said += [_consistent(nees, *NEES), *_contradiction(nis, nees), *_coverage(coverage)]
     return tuple(said)
 
 
@@ -93,6 +93,18 @@ def _consistent(c: Consistency, short: str, what: str, per: str, about: str) -> 
     else:
         text += "Try a larger observation_noise or process_noise, or add the missing state."
     return Verdict("bad" if c.mean > GROSS else "warning", text)
+
+
+def _contradiction(nis: Consistency, nees: Consistency) -> list[Verdict]:
+    """Noise levels cannot mend both: smaller ones for the innovations, larger ones for the errors."""
+    if not (nis.rows and nis.mean < TOLERATED[0] and nees.mean > TOLERATED[1]):
+        return []
+    text = (
+        "Innovations that are too small beside errors that are too large are not a matter of noise levels: the model "
+        "is off in a way that the measurements hardly show. Look for a parameter or a table that is biased, and "
+        "estimate it as a state."
+    )
+    return [Verdict("warning", text)]
 
 
 def _whiteness(elements: tuple[Element, ...]) -> list[Verdict]:
