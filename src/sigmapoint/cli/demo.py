@@ -99,7 +99,7 @@ def finals(case: Case, results: Mapping[str, Estimated]) -> list[dict[str, Any]]
     """Rows of the table of last estimates: resistance e^ρ r0, and state of charge."""
     rows = []
     for name, result in results.items():
-        mean, std = (field(result.post, name)[-1] for name in ("mean", "std"))
+        mean, std = (field(result.post, part)[-1] for part in ("mean", "std"))
         ohm = case.resistance * float(np.exp(mean[4]))
         rows.append(
             {
