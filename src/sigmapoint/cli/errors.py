@@ -19,7 +19,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-INTERRUPTED = 130
+from sigmapoint.__main__ import INTERRUPTED
+
 _stopped = threading.Event()
 
 
