@@ -5,6 +5,7 @@ import os
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")  # most programs here run once: compile fast
 
 import jax
+import jax.numpy as jnp
 import pytest
 from jaxtyping import install_import_hook
 
@@ -13,7 +14,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 with install_import_hook("sigmapoint", "beartype.beartype"):
-    import sigmapoint  # noqa: F401
+    import sigmapoint
 
 # Every compiled program takes some ninety of the 65,530 memory maps a process may have; past them the compiler crashes.
 MOST_PROGRAMS = 300
@@ -35,3 +36,28 @@ def _not_too_many_programs():
     if programs > MOST_PROGRAMS:
         jax.clear_caches()
         programs = 0
+
+
+@pytest.fixture(scope="session")
+def unit_vector():
+    """A model that measures (cos θ, sin θ), two elements with one degree of freedom, and T measurements of it."""
+    sp = sigmapoint
+    circle = sp.Manifold(
+        lambda a, b: jnp.arctan2(b[0] * a[1] - b[1] * a[0], a[0] * b[0] + a[1] * b[1])[None],
+        lambda m, d: jnp.stack(
+            [m[0] * jnp.cos(d[0]) - m[1] * jnp.sin(d[0]), m[0] * jnp.sin(d[0]) + m[1] * jnp.cos(d[0])]
+        ),
+    )
+    model = sp.StateSpaceModel(
+        lambda x, u: x + 0.1,
+        lambda x, u: jnp.stack([jnp.cos(x[0]), jnp.sin(x[0])]),
+        1e-4 * jnp.eye(1),
+        1e-2 * jnp.eye(1),
+        sp.Gaussian(jnp.zeros(1), 0.01 * jnp.eye(1)),
+        state_space=sp.angles(0),
+        observation_space=circle,
+        state_names=("heading",),
+        observation_names=("east", "north"),
+        observation_units=("V", "V"),
+    )
+    return lambda T: (model, sp.simulate(model, T, key=jax.random.key(0))[1])

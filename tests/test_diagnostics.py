@@ -243,6 +243,12 @@ def test_input_columns_are_named_by_where_they_are():
     assert input_columns(None, 3) == {}
 
 
+def test_an_innovation_of_fewer_elements_than_the_measurement_has_its_own_name(unit_vector):
+    found = diagnose(sp.filter(*unit_vector(400)))
+    assert [element.name for element in found.elements] == ["e0"]
+    assert {v.severity for v in found.verdicts} == {"good"}
+
+
 def test_quantiles_keep_both_tails():
     z = np.random.default_rng(7).normal(size=10_000)
     at, values = quantiles(z)

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import sigmapoint as sp
+from sigmapoint.results import Labels
 from sigmapoint.tables import instants, to_frame, to_xarray
 
 T = 6
@@ -29,6 +30,11 @@ def post():
     )
     y = jnp.arange(float(T))[:, None].at[2, 0].set(jnp.nan)
     return sp.filter(model, y, {"current": jnp.ones(T)})
+
+
+@pytest.fixture(scope="module")
+def compass(unit_vector):
+    return sp.filter(*unit_vector(T))
 
 
 def test_dataset_has_every_field_under_its_name(post):
@@ -83,6 +89,22 @@ def test_fewer_degrees_of_freedom_than_elements_get_names_of_their_own():
     post = sp.filter(model, jnp.ones((3, 1)))
     assert list(to_frame(post).columns)[:3] == ["x0", "x1", "d0 std"]
     assert dict(to_xarray(post)["cov"].sizes) == {"time": 3, "tangent": 1, "tangent2": 1}
+
+
+def test_innovations_of_one_degree_of_freedom_of_a_unit_vector(compass):
+    data, frame = compass.to_xarray(), to_frame(compass)
+    assert dict(data["y"].sizes) == {"time": T, "observation": 2}
+    assert dict(data["innovation_cov"].sizes) == {"time": T, "observation_tangent": 1, "observation_tangent2": 1}
+    assert (data["y"].attrs["units"], data["innovation"].attrs["units"]) == (["V", "V"], [""])
+    assert list(frame.columns)[2:6] == ["east measured", "north measured", "e0 innovation", "e0 innovation std"]
+    assert frame.attrs["units"]["e0 innovation"] == ""
+    np.testing.assert_array_equal(data["innovation"].sel(observation_tangent="e0"), frame["e0 innovation"])
+
+
+def test_differences_on_a_manifold_of_as_many_elements_keep_names_and_lose_units():
+    labels = Labels(("gain",), ("V",), ("level",), ("m",), sp.Manifold(lambda a, b: jnp.log(a / b), lambda m, d: m))
+    assert labels.directions(1) == (("gain",), ("",))
+    assert labels.innovations(1) == (("level",), ("m",))
 
 
 def test_wrong_time_and_batches_are_refused(post):

@@ -98,7 +98,7 @@ def _error(post: Posterior, truth: Float[np.ndarray, "T d"]) -> Row:
     error, std = errors(post, truth).astype(float), field(post, "std")
     known = ~np.isnan(truth).any(1) if error.shape != truth.shape else ~np.isnan(truth)
     known = np.broadcast_to(known.reshape(len(error), -1), error.shape)
-    names = post.labels.directions(error.shape[1])
+    names = post.labels.directions(error.shape[1]).names
     columns = {f"rmse {name}": slice(i, i + 1) for i, name in enumerate(names) if known[:, i].any()}
     if len(columns) > MOST_COLUMNS:
         columns = {"rmse": slice(None)}

@@ -70,7 +70,7 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
     innovation, nis = field(post, "innovation"), field(post, "nis")
     normal = normalised(innovation, field(post, "innovation_cov"))
     inputs = dict(list(input_columns(post.u, len(nis)).items())[:COLUMNS])
-    names = post.labels.observations
+    names = post.labels.innovations(innovation.shape[1]).names
     elements = tuple(examined(name, z, inputs) for name, z in zip(names, normal.white.T))
     measured = np.isfinite(np.asarray(post.y)).any(1)
     lost = int((measured & ~(np.isfinite(innovation).any(1) & np.isfinite(nis))).sum())
@@ -82,5 +82,5 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
 def _against(post: Posterior, truth: Any) -> tuple[Consistency, tuple[Coverage, ...]]:
     error, std = errors(post, truth), field(post, "std")
     normal = normalised(error, field(post, "cov"))
-    rows = zip(post.labels.directions(std.shape[1]), error.T, std.T)
+    rows = zip(post.labels.directions(std.shape[1]).names, error.T, std.T)
     return consistency(normal.squared, normal.degrees), tuple(coverage(*row) for row in rows)
