@@ -120,7 +120,7 @@ class Posterior(eqx.Module):
             time: instants (T,), for the horizontal axis.
             truth: true states (T, n), drawn as lines.
         """
-        from sigmapoint.reporting.axes import plot_states
+        from sigmapoint.plotting import plot_states
 
         return plot_states(self, time, truth)
 

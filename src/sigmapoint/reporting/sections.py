@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sigmapoint.reporting.axes import SHOWN
+from sigmapoint.plotting import SHOWN
 from sigmapoint.reporting.figures import error_figure, innovation_figure, measurement_figure, nis_figure, state_figure
 from sigmapoint.reporting.html import Graphs, badge, card, grid, number, section, table, verdict_list
 from sigmapoint.reporting.runs import Run, Runs
@@ -74,7 +74,7 @@ def accuracy(runs: Runs, graphs: Graphs) -> str:
     if all(run.error is None for run in runs.each):
         return ""
     rows = [row for run in runs.each for row in _coverage_rows(run, runs)]
-    names = _tangent(runs)
+    names = list(zip(*runs.errors))
     known = [i for i, _ in enumerate(names) if any(_known(run, i) for run in runs.each)]
     figures = [graphs.figure(f"Error of {names[i][0]}", error_figure(runs, i, *names[i])) for i in known[:SHOWN]]
     text = (
@@ -86,20 +86,22 @@ def accuracy(runs: Runs, graphs: Graphs) -> str:
 
 def innovations(runs: Runs, graphs: Graphs) -> str:
     """Measurements against predictions, and their difference against ±2σ."""
-    labels, e = runs.labels.observations, runs.y.shape[1]
-    drawn = min(len(labels), SHOWN)
-    if all(run.innovation is None for run in runs.each):
+    measured, surprises = runs.labels.observations, runs.innovations.names
+    total = max(len(measured), len(surprises))
+    drawn = min(total, SHOWN)
+    if not surprises:
         return ""
     figures = []
     for j in range(drawn):
-        if e == len(labels):
-            figures.append(graphs.figure(labels[j], measurement_figure(runs, j), "measured and predicted"))
-        figures.append(graphs.figure(labels[j], innovation_figure(runs, j), "innovation against ±2σ"))
+        if j < len(measured):
+            figures.append(graphs.figure(measured[j], measurement_figure(runs, j), "measured and predicted"))
+        if j < len(surprises):
+            figures.append(graphs.figure(surprises[j], innovation_figure(runs, j), "innovation against ±2σ"))
     text = (
         "Innovation: measurement minus what the filter expected just before it. It should stay within ±2σ about 95 % "
     )
     text += "of the time and show no pattern. " + VIEW
-    few = _few(drawn, len(labels), "measured quantities")
+    few = _few(drawn, total, "measured quantities")
     return section("measurements", "Measurements and innovations", text, few, grid("two", figures))
 
 
@@ -119,7 +121,7 @@ def whiteness(runs: Runs, graphs: Graphs) -> str:
     judged = [run for run in runs.each if run.diagnosis and any(e.samples > 3 for e in run.diagnosis.elements)]
     if not judged:
         return ""
-    labels = runs.labels.observations
+    labels = runs.innovations.names
     drawn = min(len(labels), SHOWN)
     parts = []
     for j in range(drawn):
@@ -157,12 +159,12 @@ def _rms(run: Run, runs: Runs) -> dict[tuple[str, str], float]:
     known = np.isfinite(run.error)
     squares = np.where(known, run.error, 0.0) ** 2
     mean = squares.sum(0) / np.where(known.any(0), known.sum(0), np.nan)
-    return dict(zip(_tangent(runs), np.sqrt(mean).tolist()))
+    return dict(zip(zip(*runs.errors), np.sqrt(mean).tolist()))
 
 
 def _coverage_rows(run: Run, runs: Runs) -> list[dict[str, Any]]:
     rows, rms = [], _rms(run, runs)
-    for i, name in enumerate(_tangent(runs)):
+    for i, name in enumerate(zip(*runs.errors)):
         if not _known(run, i) or run.error is None or run.std is None:
             continue
         known = np.isfinite(run.error[:, i]) & np.isfinite(run.std[:, i])
@@ -189,13 +191,6 @@ def _input_rows(run: Run) -> list[dict[str, Any]]:
 
 def _known(run: Run, i: int) -> bool:
     return run.error is not None and run.std is not None and bool(np.isfinite(run.error[:, i]).any())
-
-
-def _tangent(runs: Runs) -> list[tuple[str, str]]:
-    """Names and units of the elements of an error: those of the states, or `d0, d1, …` on a manifold."""
-    size = next((run.error.shape[1] for run in runs.each if run.error is not None), 0)
-    names = runs.labels.directions(size)
-    return list(zip(names, runs.labels.state_units if names == runs.labels.states else [""] * size))
 
 
 def _measured(runs: Runs) -> str:

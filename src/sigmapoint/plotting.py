@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from sigmapoint.curves import broken, principal, wraps
 from sigmapoint.results import Posterior, field, host
 from sigmapoint.tables import instants
 
@@ -36,16 +37,20 @@ def plot_states(post: Posterior, time: Any = None, truth: Any = None) -> np.ndar
     true = None if truth is None else host(truth)
     if true is not None and true.shape != mean.shape:
         raise ValueError(f"truth must have the shape of the estimates, {mean.shape}, got {true.shape}")
+    true = None if true is None else principal(post.labels.state_space, true)
     drawn = min(n, SHOWN)
     figure, axes = plt.subplots(
         drawn, 1, sharex=True, squeeze=False, figsize=(8, 1.2 + 1.7 * drawn), layout="constrained"
     )
+    space = post.labels.state_space
     for i, ax in enumerate(axes[:, 0]):
+        breaks = wraps(space, mean, i)
         if std.shape == mean.shape:
-            ax.fill_between(x, mean[:, i] - 2 * std[:, i], mean[:, i] + 2 * std[:, i], alpha=0.25, lw=0, label="±2σ")
-        ax.plot(x, mean[:, i], lw=1.3, label="estimate")
+            low, high = mean[:, i] - 2 * std[:, i], mean[:, i] + 2 * std[:, i]
+            ax.fill_between(*broken(breaks, x, low, high), alpha=0.25, lw=0, label="±2σ")
+        ax.plot(*broken(breaks, x, mean[:, i]), lw=1.3, label="estimate")
         if true is not None:
-            ax.plot(x, true[:, i], "--", color="0.35", lw=1.1, label="truth")
+            ax.plot(*broken(wraps(space, true, i), x, true[:, i]), "--", color="0.35", lw=1.1, label="truth")
         ax.set_ylabel(titled(post.labels.states[i], post.labels.state_units[i]))
         ax.grid(alpha=0.25)
         ax.spines[["top", "right"]].set_visible(False)
