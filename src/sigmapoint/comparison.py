@@ -15,19 +15,18 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint import methods as named
 from sigmapoint.checks import array
 from sigmapoint.diagnostics import errors
-from sigmapoint.filtering import filter, prepared
-from sigmapoint.methods import Method
+from sigmapoint.filtering import filter, series_of
+from sigmapoint.methods import METHODS, Method
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.noise import NonAdditive
 from sigmapoint.results import Posterior, field
-from sigmapoint.rules.hermite import MOST_POINTS
 from sigmapoint.smoothing import smooth as smoothed
 
 Row = dict[str, Any]
 
+STANDARD = ("ekf", "srekf", "ukf", "srukf", "simplex_ukf", "cdkf", "srcdkf", "ckf", "srckf", "ghkf", "srghkf")
+"""Methods where none are given."""
 MOST_COLUMNS = 6
 """With more states than this, one overall error stands for those of each."""
 WORDS = ("method", "note")
@@ -68,16 +67,6 @@ def as_text(value: Any) -> str:
 
 def _line(cells: list[str], widths: list[int], left: list[bool]) -> str:
     return "  ".join(c.ljust(w) if words else c.rjust(w) for c, w, words in zip(cells, widths, left)).rstrip()
-
-
-def default_methods(model: StateSpaceModel) -> dict[str, Method]:
-    """The eleven standard methods; without Gauss-Hermite where it has too many points for the model."""
-    names = ("ekf", "srekf", "ukf", "srukf", "simplex_ukf", "cdkf", "srcdkf", "ckf", "srckf", "ghkf", "srghkf")
-    noises = (model.process_noise, model.observation_noise)
-    within = max((noise.cov.shape[-1] for noise in noises if isinstance(noise, NonAdditive)), default=0)
-    most = model.initial.cov.shape[-1] + within
-    kept = (name for name in names if "ghkf" not in name or 3**most <= MOST_POINTS)
-    return {name: getattr(named, name)() for name in kept}
 
 
 def timed(run: Callable[[], Posterior]) -> tuple[Posterior, float, float]:
@@ -182,15 +171,16 @@ def compare(
         >>> [row["method"] for row in table.rows]
         ['ekf', 'ukf']
     """
-    y, u, _ = prepared(model, y, u)
+    y, u = series_of(model, y, u)
     states = known_truth(model, truth, y.shape[0])
     if methods is not None and not isinstance(methods, Mapping):
         raise ValueError(f"methods must be a dict of name to method, got {type(methods).__name__}")
     if methods is not None and not methods:
         raise ValueError("methods is empty: give a dict such as {'ekf': sp.ekf(), 'srcdkf': sp.srcdkf()}")
+    chosen = {name: METHODS[name]() for name in STANDARD} if methods is None else methods
     estimate = smoothed if smooth else filter
     rows, posteriors = [], {}
-    for name, method in (default_methods(model) if methods is None else methods).items():
+    for name, method in chosen.items():
         each(name)
         row, post = row_of(name, model, lambda method=method: estimate(model, y, u, method), states)
         rows.append(row)
