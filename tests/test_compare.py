@@ -163,7 +163,7 @@ def test_one_row_of_data(drawn):
 
 def test_input_that_fits_no_method_is_refused_as_a_whole(drawn):
     model, x, y = drawn
-    with pytest.raises(ValueError, match=r"truth must be \(400, 2\)"):
+    with pytest.raises(ValueError, match=r"truth must have the shape of the estimates, \(400, 2\)"):
         compare(model, y, methods=LINEAR, truth=x[:, :1])
     with pytest.raises(ValueError, match="methods is empty"):
         compare(model, y, methods={})

@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from sigmapoint import checks
 from sigmapoint.curves import broken, principal, wraps
-from sigmapoint.results import Posterior, field, host
+from sigmapoint.results import Posterior, field
 from sigmapoint.tables import instants
 
 SHOWN = 12
@@ -27,22 +28,16 @@ def plot_states(post: Posterior, time: Any = None, truth: Any = None) -> np.ndar
         ValueError: `time` or `truth` of another shape; a batch of results; `mean` or `std` not kept.
         ImportError: matplotlib is not installed.
     """
-    try:
-        import matplotlib.pyplot as plt
-    except ImportError as error:
-        raise ImportError("plot needs matplotlib: pip install sigmapoint[cli]") from error
+    plt = checks.extra("matplotlib.pyplot", "plot")
     mean, std = field(post, "mean"), field(post, "std")
     T, n = mean.shape
     x = instants(time, T)
-    true = None if truth is None else host(truth)
-    if true is not None and true.shape != mean.shape:
-        raise ValueError(f"truth must have the shape of the estimates, {mean.shape}, got {true.shape}")
-    true = None if true is None else principal(post.labels.state_space, true)
+    space = post.labels.state_space
+    true = None if truth is None else principal(space, checks.truth(truth, mean.shape))
     drawn = min(n, SHOWN)
     figure, axes = plt.subplots(
         drawn, 1, sharex=True, squeeze=False, figsize=(8, 1.2 + 1.7 * drawn), layout="constrained"
     )
-    space = post.labels.state_space
     for i, ax in enumerate(axes[:, 0]):
         breaks = wraps(space, mean, i)
         if std.shape == mean.shape:

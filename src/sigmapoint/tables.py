@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from sigmapoint import checks
 from sigmapoint.results import Axis, Posterior, check_single, host, input_columns
 
 
@@ -33,10 +34,7 @@ def to_xarray(post: Posterior, time: Any = None) -> Any:
         >>> dict(data["cov"].sizes)
         {'time': 5, 'state': 1, 'state2': 1}
     """
-    try:
-        import xarray as xr
-    except ImportError as error:
-        raise ImportError("to_xarray needs xarray: pip install sigmapoint[cli]") from error
+    xr = checks.extra("xarray", "to_xarray")
     check_single(post)
     T, labels = post.y.shape[0], post.labels
     errors, surprises = _errors(post), _innovations(post)
@@ -104,10 +102,7 @@ def to_frame(post: Posterior, time: Any = None) -> Any:
         >>> list(to_frame(sp.filter(model, jnp.ones((5, 1)), keep=("mean", "std"))).columns)
         ['level', 'level std', 'y0 measured']
     """
-    try:
-        import pandas as pd
-    except ImportError as error:
-        raise ImportError("to_frame needs pandas: pip install sigmapoint[cli]") from error
+    pd = checks.extra("pandas", "to_frame")
     check_single(post)
     T, labels = post.y.shape[0], post.labels
     table: dict[str, np.ndarray] = {}

@@ -8,9 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from sigmapoint import checks
+from sigmapoint.accuracy import Coverage, errors
 from sigmapoint.consistency import normalised
 from sigmapoint.curves import principal
-from sigmapoint.diagnostics import Diagnosis, diagnose, errors
+from sigmapoint.diagnostics import Diagnosis, diagnose
 from sigmapoint.results import Axis, Labels, Posterior, host
 
 COLORS = ("#2f81f7", "#f08a24", "#1fa97a", "#b068e8", "#e5534b", "#12a5b8", "#c9a227", "#8d99ae")
@@ -30,6 +32,8 @@ class Run(NamedTuple):
     mean: Float[np.ndarray, "T d"] | None
     std: Float[np.ndarray, "T n"] | None
     error: Float[np.ndarray, "T n"] | None
+    coverage: tuple[Coverage, ...]
+    """of each element of the error"""
     innovation: Float[np.ndarray, "T m"] | None
     predicted: Float[np.ndarray, "T e"] | None
     """measurement that was expected"""
@@ -76,7 +80,7 @@ def runs_of(result: Posterior | Mapping[str, Posterior], x: np.ndarray, axis: st
     for name, post in posts.items():
         if post.y.shape != first.y.shape or post.labels != first.labels:
             raise ValueError(f"result {name!r} is of another series or model than the first; make one report for each")
-    true = None if truth is None else host(truth).astype(float)
+    true = None if truth is None else checks.truth(truth, (first.y.shape[0], len(labels.states)))
     each = [_run(i, name, post, true, 0.18 / len(posts) ** 0.5) for i, (name, post) in enumerate(posts.items())]
     shown = None if true is None else principal(labels.state_space, true)
     return Runs(each, labels, principal(labels.observation_space, host(first.y)), x, axis, shown)
@@ -86,6 +90,7 @@ def _run(i: int, name: str, post: Posterior, truth: np.ndarray | None, opacity: 
     S, innovation = post.innovation_cov, post.innovation
     checkable = S is not None and innovation is not None and post.nis is not None
     judged = truth is not None and post.mean is not None and post.std is not None
+    found = errors(post, truth) if judged else None
     truth_too = truth if judged and post.cov is not None else None
     color = COLORS[i % len(COLORS)]
     return Run(
@@ -95,7 +100,8 @@ def _run(i: int, name: str, post: Posterior, truth: np.ndarray | None, opacity: 
         dash=DASHES[i // len(COLORS) % len(DASHES)],
         mean=_optional(post.mean),
         std=_optional(post.std),
-        error=errors(post, truth) if judged else None,
+        error=None if found is None else found.value,
+        coverage=() if found is None else found.each(),
         innovation=_optional(innovation),
         predicted=None if innovation is None else _predicted(post),
         spread=None if S is None else np.sqrt(np.maximum(np.einsum("tii->ti", host(S)), 0)),

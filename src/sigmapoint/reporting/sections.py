@@ -75,7 +75,7 @@ def accuracy(runs: Runs, graphs: Graphs) -> str:
         return ""
     rows = [row for run in runs.each for row in _coverage_rows(run, runs)]
     names = list(zip(*runs.errors))
-    known = [i for i, _ in enumerate(names) if any(_known(run, i) for run in runs.each)]
+    known = [i for i, _ in enumerate(names) if any(run.coverage[i].samples for run in runs.each if run.coverage)]
     figures = [graphs.figure(f"Error of {names[i][0]}", error_figure(runs, i, *names[i])) for i in known[:SHOWN]]
     text = (
         "Error: truth minus estimate. A filter that knows its limits stays within ±2σ about 95 % of the time. " + VIEW
@@ -154,28 +154,19 @@ def _row(run: Run, runs: Runs) -> dict[str, Any]:
 
 
 def _rms(run: Run, runs: Runs) -> dict[tuple[str, str], float]:
-    if run.error is None:
-        return {}
-    known = np.isfinite(run.error)
-    squares = np.where(known, run.error, 0.0) ** 2
-    mean = squares.sum(0) / np.where(known.any(0), known.sum(0), np.nan)
-    return dict(zip(zip(*runs.errors), np.sqrt(mean).tolist()))
+    return {(found.name, unit): found.rms for found, unit in zip(run.coverage, runs.errors.units)}
 
 
 def _coverage_rows(run: Run, runs: Runs) -> list[dict[str, Any]]:
-    rows, rms = [], _rms(run, runs)
-    for i, name in enumerate(zip(*runs.errors)):
-        if not _known(run, i) or run.error is None or run.std is None:
+    rows = []
+    for found, unit in zip(run.coverage, runs.errors.units):
+        if not found.samples:
             continue
-        known = np.isfinite(run.error[:, i]) & np.isfinite(run.std[:, i])
-        error, std = np.abs(run.error[known, i]), run.std[known, i]
         row: dict[str, Any] = {"method": run.name} if run.name else {}
-        row |= {"state": name[0], "unit": name[1], "RMS error": rms[name], "largest": float(error.max())}
-        row |= {"mean of own σ": float(std.mean())}
-        shares = {
-            f"within ±{k}σ ({p} %)": np.mean(error <= k * std) for k, p in ((1, "68.3"), (2, "95.4"), (3, "99.7"))
-        }
-        rows.append(row | {label: f"{100 * share:.1f} %" for label, share in shares.items()})
+        row |= {"state": found.name, "unit": unit, "RMS error": found.rms, "largest": found.largest}
+        row |= {"mean of own σ": found.std}
+        shares = zip(("±1σ (68.3 %)", "±2σ (95.4 %)", "±3σ (99.7 %)"), found.within)
+        rows.append(row | {f"within {bars}": f"{100 * share:.1f} %" for bars, share in shares})
     return rows
 
 
@@ -187,10 +178,6 @@ def _input_rows(run: Run) -> list[dict[str, Any]]:
         for e in found
         for i in e.inputs
     ]
-
-
-def _known(run: Run, i: int) -> bool:
-    return run.error is not None and run.std is not None and bool(np.isfinite(run.error[:, i]).any())
 
 
 def _measured(runs: Runs) -> str:
