@@ -7,6 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from sigmapoint.checks import known
 from sigmapoint.spaces import Euclidean, Space, same_elements
 
 FIELDS = ("mean", "cov", "std", "innovation", "innovation_cov", "nis")
@@ -112,6 +113,35 @@ class Posterior(eqx.Module):
         from sigmapoint.tables import to_xarray
 
         return to_xarray(self, time)
+
+    def to_frame(self, time: Any = None) -> Any:
+        """As a `pandas.DataFrame`, one row an instant, with named columns and their units in `attrs["units"]`.
+
+        Args:
+            time: instants (T,), numbers or dates; 0, 1, 2, … where not given.
+
+        Raises:
+            ValueError: `time` of another length; a batch of results (pick one first).
+            ImportError: pandas is not installed (`pip install sigmapoint[cli]`).
+
+        Examples:
+            >>> import jax.numpy as jnp, sigmapoint as sp
+            >>> model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+            ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)), state_names=("level",))
+            >>> list(sp.filter(model, jnp.ones((5, 1)), keep=("mean", "std")).to_frame().columns)
+            ['level', 'level std', 'y0 measured']
+        """
+        from sigmapoint.tables import to_frame
+
+        return to_frame(self, time)
+
+    def __str__(self) -> str:
+        """A few lines for people; the fields as they are inside `jax.jit`, of a batch, or where some were not kept."""
+        from sigmapoint.printing import as_lines
+
+        shown = (self.mean, self.std, self.innovation, self.nis, self.log_likelihood)
+        whole = all(isinstance(value, jax.Array | np.ndarray) and known(value) for value in shown)
+        return as_lines(self) if whole and not np.ndim(self.log_likelihood) else repr(self)
 
     def plot(self, time: Any = None, truth: Any = None) -> Any:
         """Draw each state with its ±2σ band; returns the matplotlib axes.
