@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 import sigmapoint as sp
+from sigmapoint.accuracy import errors
 from sigmapoint.consistency import consistency, normalised, row_band
 from sigmapoint.diagnostics import diagnose
 from sigmapoint.results import Labels, Posterior, input_columns
@@ -185,6 +186,15 @@ def test_with_truth_errors_are_judged_too(white):
     partly = truth.copy()
     partly[:, 1] = np.nan
     assert diagnose(made(white), partly).nees.degrees == T
+
+
+def test_an_estimate_that_is_not_finite_is_an_error_that_no_bar_covers(white):
+    post = made(white)
+    post = dataclasses.replace(post, mean=post.mean.at[: T // 2, 0].set(jnp.nan))
+    first, second = errors(post, np.zeros((T, 2))).each()
+    assert np.isnan(first.rms)
+    assert first.within[2] == 0.5
+    assert (second.rms, second.within[0], second.samples) == (0.0, 1.0, T)
 
 
 def test_errors_of_angles_are_taken_the_short_way_round(white):
