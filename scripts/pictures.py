@@ -7,9 +7,7 @@ import matplotlib as mpl
 import numpy as np
 
 import sigmapoint as sp
-from sigmapoint.data import load_leaf
-from sigmapoint.problems import battery
-from sigmapoint.problems.battery_identification import identify
+from sigmapoint.problems.battery_case import leaf
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
@@ -20,12 +18,9 @@ OUT = Path(__file__).parents[1] / "docs" / "images"
 def main() -> None:
     """Identify the cell at 10 and 40 °C, filter the 25 °C run, draw."""
     jax.config.update("jax_enable_x64", True)
-    cell = identify([load_leaf(10), load_leaf(40)], 25.0)
-    log = load_leaf(25)
-    u = battery.inputs(log)
-    reference = battery.reference_soc(log, cell.capacity, cell.efficiency)
-    post = sp.filter(battery.model(cell, u, reference[0] + 0.2), log.voltage[:, None], u, sp.srcdkf())
-    hours, soc, band = log.time / 3600, 100 * np.asarray(post.mean[:, 0]), 200 * np.asarray(post.std[:, 0])
+    case = leaf()
+    reference, post = case.reference, sp.filter(case.model, case.y, case.u, sp.srcdkf())
+    hours, soc, band = case.log.time / 3600, 100 * np.asarray(post.mean[:, 0]), 200 * np.asarray(post.std[:, 0])
     fig, axes = plt.subplots(2, 1, figsize=(9, 5), sharex=True, height_ratios=(2, 1), layout="constrained")
     axes[0].fill_between(hours, soc - band, soc + band, alpha=0.3, lw=0, label="±2σ")
     axes[0].plot(hours, soc, lw=1.5, label="estimate")

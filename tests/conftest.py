@@ -6,6 +6,7 @@ from pathlib import Path
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")  # most programs here run once: compile fast
 
 import jax
+import jax.numpy as jnp
 import pytest
 from jaxtyping import install_import_hook
 
@@ -14,9 +15,9 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 with install_import_hook("sigmapoint", "beartype.beartype"):
-    import sigmapoint  # noqa: F401
+    import sigmapoint
 
-# A compiled program takes a hundred or more of the 65,530 memory maps a process may have; past them the compiler crashes.
+# A compiled program takes some hundred of the 65,530 memory maps a process may have; past them the compiler crashes.
 MOST_MAPS = 25_000
 MAPS = Path("/proc/self/maps")
 
@@ -26,3 +27,28 @@ def _not_too_many_programs():
     yield
     if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST_MAPS:
         jax.clear_caches()
+
+
+@pytest.fixture(scope="session")
+def unit_vector():
+    """A model that measures (cos θ, sin θ), two elements with one degree of freedom, and T measurements of it."""
+    sp = sigmapoint
+    circle = sp.Manifold(
+        lambda a, b: jnp.arctan2(b[0] * a[1] - b[1] * a[0], a[0] * b[0] + a[1] * b[1])[None],
+        lambda m, d: jnp.stack(
+            [m[0] * jnp.cos(d[0]) - m[1] * jnp.sin(d[0]), m[0] * jnp.sin(d[0]) + m[1] * jnp.cos(d[0])]
+        ),
+    )
+    model = sp.StateSpaceModel(
+        lambda x, u: x + 0.1,
+        lambda x, u: jnp.stack([jnp.cos(x[0]), jnp.sin(x[0])]),
+        1e-4 * jnp.eye(1),
+        1e-2 * jnp.eye(1),
+        sp.Gaussian(jnp.zeros(1), 0.01 * jnp.eye(1)),
+        state_space=sp.angles(0),
+        observation_space=circle,
+        state_names=("heading",),
+        observation_names=("east", "north"),
+        observation_units=("V", "V"),
+    )
+    return lambda T: (model, sp.simulate(model, T, key=jax.random.key(0))[1])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import sigmapoint as sp
-from sigmapoint.comparison import MOST_COLUMNS, compare, default_methods
+from sigmapoint.comparison import MOST_COLUMNS, STANDARD, compare
 
 LINEAR = {"ekf": sp.ekf(), "srukf": sp.srukf(), "cdkf": sp.cdkf()}
 
@@ -107,18 +107,28 @@ def test_table_is_aligned_and_frame_has_one_row_a_method(linear):
     assert list(linear.to_frame().index) == list(LINEAR)
 
 
-def test_default_is_the_eleven_standard_methods_without_grids_that_are_too_large():
-    eleven = set(default_methods(walk(2)))
-    assert len(eleven) == 11
-    assert eleven - set(default_methods(walk(8))) == {"ghkf", "srghkf"}
-    noisy = sp.StateSpaceModel(
-        lambda x, u, w: x + w[:5],
+def test_default_is_the_eleven_standard_methods_and_a_grid_that_is_too_large_is_a_row_with_its_message():
+    _, y = sp.simulate(walk(8), 3, key=jax.random.key(0))
+    table = compare(walk(8), y)
+    notes = {row["method"]: row["note"] for row in table.rows}
+    assert tuple(notes) == STANDARD
+    assert len(STANDARD) == 11
+    assert {name for name, note in notes.items() if "3**8 points" in note} == {"ghkf", "srghkf"}
+
+
+def test_a_model_that_does_not_fit_one_method_is_compared_with_the_others():
+    """An angle too wide for sigma points, which the default method would refuse, is none for a derivative."""
+    model = sp.StateSpaceModel(
         lambda x, u: x,
-        sp.NonAdditive(jnp.eye(5)),
-        jnp.eye(5),
-        sp.Gaussian(jnp.zeros(5), jnp.eye(5)),
+        lambda x, u: jnp.sin(x),
+        0.1 * jnp.eye(1),
+        jnp.eye(1),
+        sp.Gaussian(jnp.zeros(1), 16.0 * jnp.eye(1)),
+        state_space=sp.angles(0),
     )
-    assert "ghkf" not in default_methods(noisy)
+    table = compare(model, jnp.zeros((5, 1)), methods={"ekf": sp.ekf(), "ukf": sp.ukf(), "srcdkf": sp.srcdkf()})
+    assert list(table.posteriors) == ["ekf"]
+    assert all("too wide for its space" in row["note"] for row in table.rows[1:])
 
 
 def test_errors_of_angles_are_taken_the_short_way_round():
@@ -153,7 +163,7 @@ def test_one_row_of_data(drawn):
 
 def test_input_that_fits_no_method_is_refused_as_a_whole(drawn):
     model, x, y = drawn
-    with pytest.raises(ValueError, match=r"truth must be \(400, 2\)"):
+    with pytest.raises(ValueError, match=r"truth must have the shape of the estimates, \(400, 2\)"):
         compare(model, y, methods=LINEAR, truth=x[:, :1])
     with pytest.raises(ValueError, match="methods is empty"):
         compare(model, y, methods={})

@@ -5,6 +5,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -16,6 +18,31 @@ def test_importing_the_core_imports_no_extra():
         "assert not extra, extra"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+WITHOUT = """
+import sys
+sys.modules.update({{"plotly": None, "pandas": None}})
+import matplotlib, jax.numpy as jnp, sigmapoint as sp
+matplotlib.use("Agg")
+one = jnp.eye(1)
+model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, one, one, sp.Gaussian(jnp.zeros(1), one))
+post = sp.filter(model, jnp.ones((3, 1)))
+{}
+"""
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        ("sp.report(post, 'report.html')", "ImportError: report needs plotly: pip install sigmapoint[cli]"),
+        ("post.to_frame()", "ImportError: to_frame needs pandas: pip install sigmapoint[cli]"),
+        ("post.plot()", ""),
+    ],
+)
+def test_what_is_missing_is_named_where_it_is_needed(call, said):
+    done = subprocess.run([sys.executable, "-c", WITHOUT.format(call)], capture_output=True, text=True)
+    assert (done.stderr.splitlines() or [""])[-1] == said
 
 
 def test_the_core_asks_for_four_packages():

@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 import sigmapoint as sp
+from sigmapoint.accuracy import errors
 from sigmapoint.consistency import consistency, normalised, row_band
 from sigmapoint.diagnostics import diagnose
 from sigmapoint.results import Labels, Posterior, input_columns
@@ -187,6 +188,15 @@ def test_with_truth_errors_are_judged_too(white):
     assert diagnose(made(white), partly).nees.degrees == T
 
 
+def test_an_estimate_that_is_not_finite_is_an_error_that_no_bar_covers(white):
+    post = made(white)
+    post = dataclasses.replace(post, mean=post.mean.at[: T // 2, 0].set(jnp.nan))
+    first, second = errors(post, np.zeros((T, 2))).each()
+    assert np.isnan(first.rms)
+    assert first.within[2] == 0.5
+    assert (second.rms, second.within[0], second.samples) == (0.0, 1.0, T)
+
+
 def test_errors_of_angles_are_taken_the_short_way_round(white):
     turned = np.full((T, 2), 2 * np.pi)
     post = made(white)
@@ -241,6 +251,12 @@ def test_input_columns_are_named_by_where_they_are():
     assert list(input_columns(u, 3)) == ["current", "wheel.left0", "wheel.left1"]
     assert list(input_columns(np.ones((3, 2)), 3)) == ["u0", "u1"]
     assert input_columns(None, 3) == {}
+
+
+def test_an_innovation_of_fewer_elements_than_the_measurement_has_its_own_name(unit_vector):
+    found = diagnose(sp.filter(*unit_vector(400)))
+    assert [element.name for element in found.elements] == ["e0"]
+    assert {v.severity for v in found.verdicts} == {"good"}
 
 
 def test_quantiles_keep_both_tails():

@@ -46,10 +46,8 @@ def __getattr__(name: str) -> Any:
     """`report` is imported when it is asked for: it needs the packages of `sigmapoint[cli]`."""
     if name != "report":
         raise AttributeError(f"module 'sigmapoint' has no attribute {name!r}")
-    try:
-        from sigmapoint.reporting import report
-    except ModuleNotFoundError as error:
-        raise ImportError(f"report needs {error.name}: pip install sigmapoint[cli]") from error
+    from sigmapoint.reporting import report
+
     return report
 
 

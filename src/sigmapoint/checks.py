@@ -3,6 +3,7 @@
 Values are looked at only where they are known: under `jax.jit`, `grad` or `vmap` only shapes are checked.
 """
 
+import importlib
 import operator
 from typing import Any
 
@@ -53,6 +54,14 @@ def space(name: str, value: Any, size: int | None) -> None:
     indices = getattr(value, "indices", ())
     if size is not None and any(not -size <= i < size for i in indices):
         raise ValueError(f"{name} names the elements {indices}, but there are {size}: 0 to {size - 1}")
+
+
+def extra(module: str, what: str) -> Any:
+    """A module of the packages that only some parts need."""
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise ImportError(f"{what} needs {error.name}: pip install sigmapoint[cli]") from error
 
 
 def known(value: Any) -> bool:
@@ -183,6 +192,17 @@ def measured(y: Any) -> None:
     """NaN means not measured; infinity is refused."""
     if known(y) and np.isinf(np.asarray(y)).any():
         raise ValueError("y has infinite values; mark what was not measured with NaN")
+
+
+def truth(given: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """True states, NaN where they are not known."""
+    made = np.asarray(array("truth", given))
+    if made.shape != shape:
+        raise ValueError(
+            f"truth must have the shape of the estimates, {shape}, one row a sample and one column a state, "
+            f"got {made.shape}"
+        )
+    return made
 
 
 def long_enough(T: int, **noises: Any) -> None:

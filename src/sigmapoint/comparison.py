@@ -15,19 +15,19 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint import methods as named
-from sigmapoint.checks import array
-from sigmapoint.diagnostics import errors
-from sigmapoint.filtering import filter, prepared
-from sigmapoint.methods import Method
+from sigmapoint import checks
+from sigmapoint.accuracy import errors
+from sigmapoint.consistency import surprise
+from sigmapoint.filtering import filter, series_of
+from sigmapoint.methods import METHODS, Method
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.noise import NonAdditive
 from sigmapoint.results import Posterior, field
-from sigmapoint.rules.hermite import MOST_POINTS
 from sigmapoint.smoothing import smooth as smoothed
 
 Row = dict[str, Any]
 
+STANDARD = ("ekf", "srekf", "ukf", "srukf", "simplex_ukf", "cdkf", "srcdkf", "ckf", "srckf", "ghkf", "srghkf")
+"""Methods where none are given."""
 MOST_COLUMNS = 6
 """With more states than this, one overall error stands for those of each."""
 WORDS = ("method", "note")
@@ -52,10 +52,7 @@ class Comparison(NamedTuple):
 
     def to_frame(self) -> Any:
         """The rows as a `pandas.DataFrame` (`pip install sigmapoint[cli]`)."""
-        try:
-            import pandas as pd
-        except ImportError as error:
-            raise ImportError("to_frame needs pandas: pip install sigmapoint[cli]") from error
+        pd = checks.extra("pandas", "to_frame")
         return pd.DataFrame(self.rows).set_index("method")
 
 
@@ -68,16 +65,6 @@ def as_text(value: Any) -> str:
 
 def _line(cells: list[str], widths: list[int], left: list[bool]) -> str:
     return "  ".join(c.ljust(w) if words else c.rjust(w) for c, w, words in zip(cells, widths, left)).rstrip()
-
-
-def default_methods(model: StateSpaceModel) -> dict[str, Method]:
-    """The eleven standard methods; without Gauss-Hermite where it has too many points for the model."""
-    names = ("ekf", "srekf", "ukf", "srukf", "simplex_ukf", "cdkf", "srcdkf", "ckf", "srckf", "ghkf", "srghkf")
-    noises = (model.process_noise, model.observation_noise)
-    within = max((noise.cov.shape[-1] for noise in noises if isinstance(noise, NonAdditive)), default=0)
-    most = model.initial.cov.shape[-1] + within
-    kept = (name for name in names if "ghkf" not in name or 3**most <= MOST_POINTS)
-    return {name: getattr(named, name)() for name in kept}
 
 
 def timed(run: Callable[[], Posterior]) -> tuple[Posterior, float, float]:
@@ -95,22 +82,15 @@ def timed(run: Callable[[], Posterior]) -> tuple[Posterior, float, float]:
 
 def _error(post: Posterior, truth: Float[np.ndarray, "T d"]) -> Row:
     """Root-mean-square error of each state, and the share of errors within two standard deviations."""
-    error, std = errors(post, truth).astype(float), field(post, "std")
-    known = ~np.isnan(truth).any(1) if error.shape != truth.shape else ~np.isnan(truth)
-    known = np.broadcast_to(known.reshape(len(error), -1), error.shape)
-    names = post.labels.directions(error.shape[1])
-    columns = {f"rmse {name}": slice(i, i + 1) for i, name in enumerate(names) if known[:, i].any()}
-    if len(columns) > MOST_COLUMNS:
-        columns = {"rmse": slice(None)}
-    rms = {name: float(np.sqrt(np.mean(error[:, i][known[:, i]] ** 2))) for name, i in columns.items()}
-    inside = np.abs(error) <= 2 * std
-    return {**rms, "coverage_2sigma": float(inside[known].mean()) if known.any() else float("nan")}
+    found = errors(post, truth)
+    whole = found.together()
+    rms = {f"rmse {state.name}": state.rms for state in found.each() if state.samples}
+    return {**(rms if len(rms) <= MOST_COLUMNS else {"rmse": whole.rms}), "coverage_2sigma": whole.within[1]}
 
 
 def _innovations(post: Posterior) -> Row:
-    measured = int(np.sum(~np.isnan(np.asarray(post.innovation))))
-    nis = float(np.sum(np.asarray(post.nis), dtype=np.float64)) / measured if measured else float("nan")
-    return {"nis_per_element": nis, "log_likelihood": float(post.log_likelihood)}
+    found = surprise(field(post, "innovation"), field(post, "nis"))
+    return {"nis_per_element": found.per_element, "log_likelihood": float(post.log_likelihood)}
 
 
 def _note(post: Posterior) -> str:
@@ -130,17 +110,6 @@ def row_of(name: str, model: StateSpaceModel, run: Callable[[], Posterior], trut
     judged = {} if truth is None else _error(post, truth)
     seconds = {"us_per_step": 1e6 * warm / post.y.shape[0], "compile_s": compiling}
     return {"method": name, **judged, **_innovations(post), **seconds, "note": _note(post)}, post
-
-
-def known_truth(model: StateSpaceModel, truth: Any, T: int) -> Float[np.ndarray, "T d"] | None:
-    """The true states (T, n), checked; NaN where they are not known."""
-    if truth is None:
-        return None
-    made = np.asarray(array("truth", truth))
-    expected = (T, *model.initial.mean.shape)
-    if made.shape != expected:
-        raise ValueError(f"truth must be {expected}, one row a sample and one column a state, got shape {made.shape}")
-    return made
 
 
 def compare(
@@ -182,15 +151,16 @@ def compare(
         >>> [row["method"] for row in table.rows]
         ['ekf', 'ukf']
     """
-    y, u, _ = prepared(model, y, u)
-    states = known_truth(model, truth, y.shape[0])
+    y, u = series_of(model, y, u)
+    states = None if truth is None else checks.truth(truth, (y.shape[0], *model.initial.mean.shape))
     if methods is not None and not isinstance(methods, Mapping):
         raise ValueError(f"methods must be a dict of name to method, got {type(methods).__name__}")
     if methods is not None and not methods:
         raise ValueError("methods is empty: give a dict such as {'ekf': sp.ekf(), 'srcdkf': sp.srcdkf()}")
+    chosen = {name: METHODS[name]() for name in STANDARD} if methods is None else methods
     estimate = smoothed if smooth else filter
     rows, posteriors = [], {}
-    for name, method in (default_methods(model) if methods is None else methods).items():
+    for name, method in chosen.items():
         each(name)
         row, post = row_of(name, model, lambda method=method: estimate(model, y, u, method), states)
         rows.append(row)

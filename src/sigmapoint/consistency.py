@@ -1,4 +1,4 @@
-"""Consistency of normalised squares with χ², and coverage of error bars.
+"""Consistency of normalised squares with χ².
 
 If the model is right, an innovation e with its covariance S and an error x − m with its covariance P satisfy
 
@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from sigmapoint import checks
+
 LEVEL = (0.025, 0.975)
-SIGMAS = (1, 2, 3)
 BLOCK = 20_000
 """Rows decomposed at a time, to bound memory."""
 
@@ -45,12 +46,16 @@ class Consistency(NamedTuple):
     degrees: int
 
 
-class Coverage(NamedTuple):
-    """Fraction of instants at which the error of a state was within 1, 2, 3 standard deviations, and its rms."""
+class Surprise(NamedTuple):
+    """How large innovations were by the NIS of a series; NaN where nothing was measured."""
 
-    name: str
-    within: tuple[float, float, float]
-    rms: float
+    mean: float
+    """of the rows that were measured"""
+    expected: float
+    """that mean, of a model that is right: how many elements were measured in a row"""
+    per_element: float
+    """the NIS of all rows over all elements; 1 is right"""
+    measured_elements: int
 
 
 def normalised(error: Float[np.ndarray, "T d"], cov: Float[np.ndarray, "T d d"]) -> Normalised:
@@ -75,6 +80,16 @@ def _normalised(error: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.ndar
     along = np.where(kept, along / np.sqrt(np.where(kept, w, 1.0)), 0.0)
     white = np.where(usable, np.einsum("tij,tj->ti", V, along), np.nan)
     return white, (along**2).sum(1), np.maximum(usable.sum(1) - (~kept).sum(1), 0)
+
+
+def surprise(innovation: Float[np.ndarray, "T m"], nis: Float[np.ndarray, "T"]) -> Surprise:
+    """Judge the NIS by the elements that were measured, those whose innovation is not NaN."""
+    elements = (~np.isnan(innovation)).sum(1)
+    measured, total = elements > 0, int(elements.sum())
+    if not total:
+        return Surprise(float("nan"), float("nan"), float("nan"), 0)
+    nis = nis.astype(float)
+    return Surprise(float(nis[measured].mean()), float(elements[measured].mean()), float(nis.sum()) / total, total)
 
 
 def row_band(degrees: Int[np.ndarray, "T"]) -> tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T"]]:
@@ -104,17 +119,6 @@ def consistency(squared: Float[np.ndarray, "T"], degrees: Int[np.ndarray, "T"]) 
 
 
 def _quantile(level: float, degrees: np.ndarray) -> np.ndarray:
-    from scipy.stats import chi2
-
+    chi2 = checks.extra("scipy.stats", "a χ² band").chi2
     distinct, where = np.unique(degrees, return_inverse=True)
     return np.where(distinct > 0, chi2.ppf(level, np.maximum(distinct, 1)), np.nan)[where]
-
-
-def coverage(name: str, error: np.ndarray, std: np.ndarray) -> Coverage:
-    known = np.isfinite(error) & np.isfinite(std)
-    if not known.any():
-        nan = float("nan")
-        return Coverage(name, (nan, nan, nan), nan)
-    e, s = np.abs(error[known]), std[known]
-    one, two, three = (float(np.mean(e <= k * s)) for k in SIGMAS)
-    return Coverage(name, (one, two, three), float(np.sqrt(np.mean(e**2))))

@@ -10,14 +10,12 @@ scatters more than its band says. Errors are *always* correlated in time: the ba
 
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from sigmapoint import verdicts
-from sigmapoint.consistency import Consistency, Coverage, consistency, coverage, normalised
-from sigmapoint.results import Posterior, field, host, input_columns
+from sigmapoint.accuracy import Coverage, errors
+from sigmapoint.consistency import Consistency, consistency, normalised
+from sigmapoint.results import Posterior, field, input_columns
 from sigmapoint.verdicts import Verdict
 from sigmapoint.whiteness import COLUMNS, Element, examined
 
@@ -32,15 +30,6 @@ class Diagnosis(NamedTuple):
     lost: int
     """rows that were measured but have no finite innovation"""
     verdicts: tuple[Verdict, ...]
-
-
-def errors(post: Posterior, truth: Any) -> Float[np.ndarray, "T n"]:
-    """Truth minus estimate, in the model's `state_space`."""
-    mean, truth = field(post, "mean"), host(truth).astype(float)
-    if truth.shape != mean.shape:
-        raise ValueError(f"truth must have the shape of the estimates, {mean.shape}, got {truth.shape}")
-    difference = jax.vmap(post.labels.state_space.residual)
-    return np.asarray(difference(jnp.asarray(truth, mean.dtype), jnp.asarray(mean)))
 
 
 def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
@@ -70,7 +59,7 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
     innovation, nis = field(post, "innovation"), field(post, "nis")
     normal = normalised(innovation, field(post, "innovation_cov"))
     inputs = dict(list(input_columns(post.u, len(nis)).items())[:COLUMNS])
-    names = post.labels.observations
+    names = post.labels.innovations(innovation.shape[1]).names
     elements = tuple(examined(name, z, inputs) for name, z in zip(names, normal.white.T))
     measured = np.isfinite(np.asarray(post.y)).any(1)
     lost = int((measured & ~(np.isfinite(innovation).any(1) & np.isfinite(nis))).sum())
@@ -80,7 +69,6 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
 
 
 def _against(post: Posterior, truth: Any) -> tuple[Consistency, tuple[Coverage, ...]]:
-    error, std = errors(post, truth), field(post, "std")
-    normal = normalised(error, field(post, "cov"))
-    rows = zip(post.labels.directions(std.shape[1]), error.T, std.T)
-    return consistency(normal.squared, normal.degrees), tuple(coverage(*row) for row in rows)
+    found = errors(post, truth)
+    normal = normalised(found.value, field(post, "cov"))
+    return consistency(normal.squared, normal.degrees), found.each()

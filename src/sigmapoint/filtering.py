@@ -161,11 +161,17 @@ def filter(
 def prepared(model: StateSpaceModel, y: Any, u: Any, method: Method | None = None) -> tuple[Array, Any, Method]:
     """Checked measurements and inputs, and the method or its default."""
     method = fitting(model, method)
+    return *series_of(model, y, u), method
+
+
+def series_of(model: StateSpaceModel, y: Any, u: Any) -> tuple[Array, Any]:
+    """Measurements and inputs, checked against the model."""
+    checks.instance("model", model, StateSpaceModel)
     y, u = checks.series(y, u, model.initial.mean.dtype)
     checks.space("observation_space", model.observation_space, y.shape[1])
     Labels.of(model, y.shape[1])
     checks.long_enough(y.shape[0], process_noise=model.process_noise, observation_noise=model.observation_noise)
-    return y, u, method
+    return y, u
 
 
 def fitting(model: StateSpaceModel, method: Method | None) -> Method:

@@ -1,25 +1,34 @@
 """The result of a filter or smoother."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint.spaces import Euclidean, Space
+from sigmapoint.checks import known
+from sigmapoint.spaces import Euclidean, Space, same_elements
 
 FIELDS = ("mean", "cov", "std", "innovation", "innovation_cov", "nis")
 
 
+class Axis(NamedTuple):
+    """Names and units of the elements of a vector."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+
 class Labels(eqx.Module):
-    """Names and units of states and measurements, and the space in which errors of the state are taken."""
+    """Names and units of states and measurements, and the spaces in which their differences are taken."""
 
     states: tuple[str, ...] = eqx.field(static=True)
     state_units: tuple[str, ...] = eqx.field(static=True)
     observations: tuple[str, ...] = eqx.field(static=True)
     observation_units: tuple[str, ...] = eqx.field(static=True)
     state_space: Space = eqx.field(static=True, default=Euclidean())
+    observation_space: Space = eqx.field(static=True, default=Euclidean())
 
     @classmethod
     def of(cls, model: Any, measured: int) -> "Labels":
@@ -34,11 +43,22 @@ class Labels(eqx.Module):
             model.observation_names or tuple(f"y{i}" for i in range(measured)),
             model.observation_units or ("",) * measured,
             model.state_space,
+            model.observation_space,
         )
 
-    def directions(self, n: int) -> tuple[str, ...]:
-        """Names of the n elements of an error: the states, or `d0, d1, …` on a manifold of fewer dimensions."""
-        return self.states if n == len(self.states) else tuple(f"d{i}" for i in range(n))
+    def directions(self, n: int) -> Axis:
+        """The n elements of an error: the states, or `d0, d1, …` on a manifold of fewer dimensions."""
+        return _axis(Axis(self.states, self.state_units), self.state_space, n, "d")
+
+    def innovations(self, m: int) -> Axis:
+        """The m elements of an innovation: the measurements, or `e0, e1, …` on a manifold of fewer dimensions."""
+        return _axis(Axis(self.observations, self.observation_units), self.observation_space, m, "e")
+
+
+def _axis(points: Axis, space: Space, size: int, letter: str) -> Axis:
+    """Of differences: named as the points where there are as many; without units where those may be others."""
+    names = points.names if size == len(points.names) else tuple(f"{letter}{i}" for i in range(size))
+    return Axis(names, points.units if same_elements(space) else ("",) * size)
 
 
 class Posterior(eqx.Module):
@@ -94,6 +114,35 @@ class Posterior(eqx.Module):
 
         return to_xarray(self, time)
 
+    def to_frame(self, time: Any = None) -> Any:
+        """As a `pandas.DataFrame`, one row an instant, with named columns and their units in `attrs["units"]`.
+
+        Args:
+            time: instants (T,), numbers or dates; 0, 1, 2, … where not given.
+
+        Raises:
+            ValueError: `time` of another length; a batch of results (pick one first).
+            ImportError: pandas is not installed (`pip install sigmapoint[cli]`).
+
+        Examples:
+            >>> import jax.numpy as jnp, sigmapoint as sp
+            >>> model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+            ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)), state_names=("level",))
+            >>> list(sp.filter(model, jnp.ones((5, 1)), keep=("mean", "std")).to_frame().columns)
+            ['level', 'level std', 'y0 measured']
+        """
+        from sigmapoint.tables import to_frame
+
+        return to_frame(self, time)
+
+    def __str__(self) -> str:
+        """A few lines for people; the fields as they are inside `jax.jit`, of a batch, or where some were not kept."""
+        from sigmapoint.printing import as_lines
+
+        shown = (self.mean, self.std, self.innovation, self.nis, self.log_likelihood)
+        whole = all(isinstance(value, jax.Array | np.ndarray) and known(value) for value in shown)
+        return as_lines(self) if whole and not np.ndim(self.log_likelihood) else repr(self)
+
     def plot(self, time: Any = None, truth: Any = None) -> Any:
         """Draw each state with its ±2σ band; returns the matplotlib axes.
 
@@ -101,7 +150,7 @@ class Posterior(eqx.Module):
             time: instants (T,), for the horizontal axis.
             truth: true states (T, n), drawn as lines.
         """
-        from sigmapoint.reporting.axes import plot_states
+        from sigmapoint.plotting import plot_states
 
         return plot_states(self, time, truth)
 

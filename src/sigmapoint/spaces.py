@@ -94,3 +94,12 @@ def angles(*indices: int, period: float = 2 * jnp.pi) -> Angles:
     if not period > 0:
         raise ValueError(f"period, a full turn, must be positive, got {period}")
     return Angles(tuple(int(i) for i in indices), float(period))
+
+
+def same_elements(space: Space) -> bool:
+    """Whether a difference has the elements and the units of the points, as that of vectors and angles has.
+
+    That of a manifold may have others: a rotation of one degree of freedom between two unit vectors of two elements, or
+    the logarithm of a ratio.
+    """
+    return isinstance(space, Euclidean | Angles)

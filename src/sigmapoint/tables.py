@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from sigmapoint.results import Posterior, check_single, host, input_columns
+from sigmapoint import checks
+from sigmapoint.results import Axis, Posterior, check_single, host, input_columns
 
 
 def to_xarray(post: Posterior, time: Any = None) -> Any:
@@ -18,7 +19,8 @@ def to_xarray(post: Posterior, time: Any = None) -> Any:
     Returns:
         `mean`, `std` (time, state), `cov` (time, state, state2), `innovation` (time, observation), `innovation_cov`,
         `nis` (time), `y`, and `u` (time, input) where inputs are numeric columns; what was not kept is left out.
-        Coordinates `state_unit` and `observation_unit`; attribute `log_likelihood`.
+        Coordinates `state_unit` and `observation_unit`; attribute `log_likelihood`. On a manifold with fewer dimensions
+        than elements, errors are along `tangent` in place of `state`, and `observation_tangent` of `observation`.
 
     Raises:
         ValueError: `time` of another length; a batch of results.
@@ -32,45 +34,48 @@ def to_xarray(post: Posterior, time: Any = None) -> Any:
         >>> dict(data["cov"].sizes)
         {'time': 5, 'state': 1, 'state2': 1}
     """
-    try:
-        import xarray as xr
-    except ImportError as error:
-        raise ImportError("to_xarray needs xarray: pip install sigmapoint[cli]") from error
+    xr = checks.extra("xarray", "to_xarray")
     check_single(post)
     T, labels = post.y.shape[0], post.labels
-    tangent = _directions(post)
-    state, delta = "state", "state" if tangent == labels.states else "tangent"
+    errors, surprises = _errors(post), _innovations(post)
+    delta = "state" if errors.names == labels.states else "tangent"
+    sensed = "observation" if surprises.names == labels.observations else "observation_tangent"
     dims = {
-        "mean": ("time", state),
+        "mean": ("time", "state"),
         "std": ("time", delta),
         "cov": ("time", delta, f"{delta}2"),
-        "innovation": ("time", "observation"),
-        "innovation_cov": ("time", "observation", "observation2"),
+        "innovation": ("time", sensed),
+        "innovation_cov": ("time", sensed, f"{sensed}2"),
         "nis": ("time",),
     }
     kept = {name: getattr(post, name) for name in dims}
     fields = {name: (dims[name], host(values)) for name, values in kept.items() if values is not None}
-    sensed = "observation" if post.y.shape[1] == len(labels.observations) else "measured"
     if post.nis is not None:
         fields["nis"] = (("time",), _nis(post))
-    fields["y"] = (("time", sensed), host(post.y))
+    fields["y"] = (("time", "observation"), host(post.y))
     inputs = input_columns(post.u, T)
     if inputs:
         fields["u"] = (("time", "input"), np.stack(list(inputs.values()), 1))
     coords: dict[str, Any] = {
         "time": instants(time, T),
-        state: list(labels.states),
+        "state": list(labels.states),
         "observation": list(labels.observations),
-        "observation2": list(labels.observations),
-        f"{delta}2": list(tangent),
-        "state_unit": (state, list(labels.state_units)),
+        delta: list(errors.names),
+        f"{delta}2": list(errors.names),
+        sensed: list(surprises.names),
+        f"{sensed}2": list(surprises.names),
+        "state_unit": ("state", list(labels.state_units)),
         "observation_unit": ("observation", list(labels.observation_units)),
     } | ({"input": list(inputs)} if inputs else {})
     data = xr.Dataset(fields, coords, {"log_likelihood": float(post.log_likelihood)})
-    for name in {"mean", "std"} & set(data):
-        data[name].attrs["units"] = list(labels.state_units)
-    for name in {"innovation", "y"} & set(data):
-        data[name].attrs["units"] = list(labels.observation_units)
+    units = {
+        "mean": labels.state_units,
+        "std": errors.units,
+        "innovation": surprises.units,
+        "y": labels.observation_units,
+    }
+    for name in units.keys() & set(data):
+        data[name].attrs["units"] = list(units[name])
     return data
 
 
@@ -97,31 +102,27 @@ def to_frame(post: Posterior, time: Any = None) -> Any:
         >>> list(to_frame(sp.filter(model, jnp.ones((5, 1)), keep=("mean", "std"))).columns)
         ['level', 'level std', 'y0 measured']
     """
-    try:
-        import pandas as pd
-    except ImportError as error:
-        raise ImportError("to_frame needs pandas: pip install sigmapoint[cli]") from error
+    pd = checks.extra("pandas", "to_frame")
     check_single(post)
     T, labels = post.y.shape[0], post.labels
     table: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
 
-    def add(names: tuple[str, ...], kind: str, values: Any, unit: tuple[str, ...]) -> None:
-        for i, column in enumerate(host(values).T if values is not None else ()):
-            name = f"{names[i]}{kind}" if i < len(names) else f"y{i}{kind}"
+    def add(axis: Axis, kind: str, values: Any) -> None:
+        for name, unit, column in zip(*axis, host(values).T if values is not None else ()):
+            name += kind
             while name in table:
                 name += "_"
-            table[name], units[name] = column, unit[i] if i < len(unit) else ""
+            table[name], units[name] = column, unit
 
-    tangent = _directions(post)
-    add(labels.states, "", post.mean, labels.state_units)
-    add(tangent, " std", post.std, labels.state_units if tangent == labels.states else ())
-    add(labels.observations, " measured", post.y, labels.observation_units)
-    add(labels.observations, " innovation", post.innovation, labels.observation_units)
+    errors, surprises = _errors(post), _innovations(post)
+    add(Axis(labels.states, labels.state_units), "", post.mean)
+    add(errors, " std", post.std)
+    add(Axis(labels.observations, labels.observation_units), " measured", post.y)
+    add(surprises, " innovation", post.innovation)
     if post.innovation_cov is not None:
-        spread = np.sqrt(np.einsum("tii->ti", host(post.innovation_cov)))
-        add(labels.observations, " innovation std", spread, labels.observation_units)
-    add(("nis",), "", None if post.nis is None else _nis(post)[:, None], ("1",))
+        add(surprises, " innovation std", np.sqrt(np.einsum("tii->ti", host(post.innovation_cov))))
+    add(Axis(("nis",), ("1",)), "", None if post.nis is None else _nis(post)[:, None])
     frame = pd.DataFrame(table, index=pd.Index(instants(time, T), name="time"))
     frame.attrs["units"] = units
     return frame
@@ -155,7 +156,15 @@ def _nis(post: Posterior) -> np.ndarray:
     return np.where(np.isnan(host(post.y)).all(1), np.nan, host(post.nis))
 
 
-def _directions(post: Posterior) -> tuple[str, ...]:
-    """Names along `std` and `cov`."""
-    kept = [a.shape[1] for a in (post.std, post.cov) if a is not None]
-    return post.labels.directions(kept[0] if kept else len(post.labels.states))
+def _errors(post: Posterior) -> Axis:
+    """Along `std` and `cov`."""
+    return post.labels.directions(_size(post.std, post.cov, default=len(post.labels.states)))
+
+
+def _innovations(post: Posterior) -> Axis:
+    """Along `innovation` and `innovation_cov`."""
+    return post.labels.innovations(_size(post.innovation, post.innovation_cov, default=len(post.labels.observations)))
+
+
+def _size(*kept: Any, default: int) -> int:
+    return next((field.shape[1] for field in kept if field is not None), default)

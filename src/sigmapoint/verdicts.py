@@ -8,7 +8,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from sigmapoint.consistency import Consistency, Coverage
+from sigmapoint.accuracy import Coverage
+from sigmapoint.consistency import Consistency
 from sigmapoint.whiteness import Element
 
 Severity = Literal["good", "warning", "bad"]

@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from sigmapoint import checks
+
 LAGS = 20
 COLUMNS = 32
 """Input columns that are looked at."""
@@ -65,8 +67,7 @@ def autocorrelation(z: Float[np.ndarray, "T"], lags: int) -> tuple[Float[np.ndar
 
 def examined(name: str, z: Float[np.ndarray, "T"], inputs: dict[str, np.ndarray]) -> Element:
     """All tests of the normalised innovations of one quantity."""
-    from scipy.stats import chi2
-
+    chi2 = checks.extra("scipy.stats", "a test of innovations").chi2
     count = int(np.isfinite(z).sum())
     lags = max(min(LAGS, count // 4, z.size - 1), 0)
     rho, pairs = autocorrelation(z, lags)
@@ -91,8 +92,7 @@ def examined(name: str, z: Float[np.ndarray, "T"], inputs: dict[str, np.ndarray]
 
 def quantiles(z: Float[np.ndarray, "T"], points: int = 400) -> tuple[Float[np.ndarray, "Q"], Float[np.ndarray, "Q"]]:
     """Quantiles of a standard normal and of `z` (for a QQ plot), at most `points`, evenly spread along the normal."""
-    from scipy.stats import norm
-
+    norm = checks.extra("scipy.stats", "a QQ plot").norm
     ordered = np.sort(z[np.isfinite(z)])
     at = norm.ppf((np.arange(ordered.size) + 0.5) / max(ordered.size, 1))
     if ordered.size > points:

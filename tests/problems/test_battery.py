@@ -8,6 +8,7 @@ import pytest
 import sigmapoint as sp
 from sigmapoint.data import load_leaf
 from sigmapoint.problems import battery
+from sigmapoint.problems.battery_case import leaf
 from sigmapoint.problems.battery_evaluation import evaluate
 from sigmapoint.problems.battery_identification import identify
 from sigmapoint.problems.battery_regression import charge_efficiency
@@ -24,13 +25,18 @@ METHODS = {
 
 
 @pytest.fixture(scope="module")
-def cell():
-    return identify([load_leaf(10), load_leaf(40)], temperature=25)
+def case():
+    return leaf()
 
 
 @pytest.fixture(scope="module")
-def log():
-    return load_leaf(25)
+def cell(case):
+    return case.cell
+
+
+@pytest.fixture(scope="module")
+def log(case):
+    return case.log
 
 
 @pytest.mark.parametrize(("temperature", "rows"), [(10, 13360), (25, 13248), (40, 13643)])
@@ -108,12 +114,9 @@ def test_noise_scales_with_the_step_and_with_the_charge_moved(cell, log):
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_state_of_charge_within_two_points_and_the_band_covers_it(cell, log, name):
+def test_state_of_charge_within_two_points_and_the_band_covers_it(case, name):
     """Started 20 points wrong; the run at 25 °C was used for nothing else."""
-    u, reference = battery.inputs(log), battery.reference_soc(log, cell.capacity, cell.efficiency)
-    model = battery.model(cell, u, soc=reference[0] + 0.2)
-    post = sp.filter(model, jnp.asarray(log.voltage)[:, None], jax.tree.map(jnp.asarray, u), method=METHODS[name])
-    score = evaluate(post, log, reference)
+    score = evaluate(sp.filter(case.model, case.y, case.u, METHODS[name]), case.log, case.reference)
     assert score["soc_rms"] <= 2.0
     assert 90.0 <= score["coverage"] <= 99.5
     assert score["nis_mean"] < score["nis_mean_band"][1]  # cautious: large innovations only where the current jumps

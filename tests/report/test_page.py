@@ -1,5 +1,6 @@
 """The page is whole: every figure parses, nothing is fetched, nothing of the user's text becomes markup."""
 
+import base64
 import json
 import re
 import time as clock
@@ -12,9 +13,9 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 import sigmapoint as sp
+from sigmapoint.plotting import plot_states
 from sigmapoint.reporting import report
-from sigmapoint.reporting.axes import plot_states
-from sigmapoint.reporting.decimate import POINTS, compact, extremes
+from sigmapoint.reporting.decimate import POINTS, compact, extremes, with_breaks
 
 mpl.use("Agg")
 T = 300
@@ -122,6 +123,13 @@ def test_degenerate_series_make_a_page(y, tmp_path):
     assert graphs(report(post, tmp_path / "report.html", truth=np.zeros((len(y), 2))).read_text())
 
 
+def test_measurements_with_fewer_degrees_of_freedom_than_elements_make_a_page(unit_vector, tmp_path):
+    post = sp.filter(*unit_vector(100))
+    html = report(post, tmp_path / "report.html").read_text()
+    assert len(graphs(html)) == 1 + 3 + 1 + 3  # state; two measurements and an innovation; NIS; tests of the innovation
+    assert "e0 innovation" in html
+
+
 def test_nothing_is_left_behind_when_writing_fails(run, tmp_path, monkeypatch):
     posts, _ = run
     path = report(posts["ukf"], tmp_path / "report.html")
@@ -164,6 +172,68 @@ def test_decimation_keeps_every_peak():
     assert extremes(curve[:100]).size == 100
     gaps = np.where(np.arange(curve.size) < 30_000, np.nan, curve)
     assert np.nanmin(gaps[extremes(gaps)]) == -50.0
+
+
+@pytest.fixture(scope="module")
+def turning():
+    """A heading in degrees that turns once in 90 samples, measured from 0 to 360."""
+    heading = sp.angles(0, period=360.0)
+    model = sp.StateSpaceModel(
+        lambda x, u: x + 4.0,
+        lambda x, u: x,
+        0.1 * jnp.eye(1),
+        jnp.eye(1),
+        sp.Gaussian(jnp.zeros(1), jnp.eye(1)),
+        state_space=heading,
+        observation_space=heading,
+    )
+    x, y = sp.simulate(model, 20_000, key=jax.random.key(0))
+    return model, x % 360, y % 360
+
+
+def steps(trace):
+    """Between neighbours that a line joins; a missing value, null in the page, ends the line."""
+    y = np.array([np.nan if v is None else v for v in values(trace["y"])])
+    return np.diff(y)[~np.isnan(np.diff(y))]
+
+
+def values(coded):
+    if isinstance(coded, list):
+        return coded
+    return np.frombuffer(base64.b64decode(coded["bdata"]), coded["dtype"])
+
+
+@pytest.mark.parametrize("T", [500, 20_000])  # drawn in full, and decimated
+def test_no_line_crosses_the_page_where_an_angle_wraps(turning, T, tmp_path):
+    model, x, y = turning
+    html = report(sp.filter(model, y[:T]), tmp_path / "report.html", truth=x[:T]).read_text()
+    traces = [trace for figure in graphs(html) for trace in figure["data"]]
+    lines = [trace for trace in traces if trace["name"] in ("estimate", "truth", "predicted")]
+    bands = [trace for trace in traces if trace["name"] == "±2σ"]
+    measured = next(values(trace["y"]) for trace in traces if trace["name"] == "measured")
+    assert len(lines) == 3
+    assert max(np.abs(steps(trace)).max() for trace in lines + bands[:1]) < 180
+    assert all(np.isnan(np.array(values(trace["y"]), float)).sum() >= T // 95 for trace in lines)
+    assert -180 <= np.min(measured) < np.max(measured) <= 180  # as the estimates are
+
+
+def test_axes_end_a_line_where_an_angle_wraps(turning):
+    model, x, y = turning
+    (ax,) = sp.filter(model, y[:500]).plot(truth=x[:500])
+    for line in ax.lines:
+        step = np.diff(line.get_ydata())
+        assert np.abs(step[~np.isnan(step)]).max() < 180
+        assert np.isnan(line.get_ydata()).sum() == 6  # at 180, 540, … 1980 of 2000 degrees
+    mpl.pyplot.close(ax.figure)
+
+
+def test_rows_on_both_sides_of_a_break_are_kept():
+    curve, breaks = np.sin(np.arange(50_000.0)), np.array([7, 40_000])
+    rows, ends = with_breaks(breaks, curve)
+    assert rows.size <= POINTS
+    np.testing.assert_array_equal(rows[ends], breaks)
+    np.testing.assert_array_equal(rows[ends - 1], breaks - 1)
+    assert with_breaks(np.arange(1, 50_000), curve)[1].size == 0
 
 
 def test_single_precision_is_used_only_where_it_shows_the_same():

@@ -12,7 +12,7 @@ from sigmapoint.cli.data import Clock
 from sigmapoint.cli.errors import InputError, blaming, folder, guarded
 from sigmapoint.cli.expressions import parse_methods
 from sigmapoint.cli.run import Data, Debug, Float32, Model, Out, Smooth, frame_of
-from sigmapoint.comparison import Comparison, Row, default_methods
+from sigmapoint.comparison import STANDARD, Comparison, Row
 from sigmapoint.comparison import compare as compared
 
 HEADINGS = {
@@ -29,8 +29,8 @@ def compare(
     model: Model,
     data: Data,
     methods: Annotated[
-        str | None, typer.Option(help="Methods with commas between, like ekf,srukf,'ukf(alpha=1e-3)'; default: eleven.")
-    ] = None,
+        str, typer.Option(help="Methods with commas between, like ekf,srukf,'ukf(alpha=1e-3)'.")
+    ] = ",".join(STANDARD),
     smooth: Smooth = False,
     out: Out = Path("sigmapoint-compare"),
     float32: Float32 = False,
@@ -41,10 +41,8 @@ def compare(
     Writes estimates.parquet (all methods), summary.json and report.html into the folder of --out. Errors and coverage
     are there where MODEL.py names a `truth`. MODEL.py and DATA are as for `sigmapoint run`.
     """
-    chosen = None if methods is None else parse_methods(methods)
-    folder_out = folder(out)
+    chosen, folder_out = parse_methods(methods), folder(out)
     problem = modelfile.load(model, data)
-    chosen = chosen or default_methods(problem.model)
     begin = time.perf_counter()
     with output.progress(len(chosen)) as each, blaming(model):
         result = compared(problem.model, problem.y, problem.u, chosen, problem.truth, smooth=smooth, each=each)

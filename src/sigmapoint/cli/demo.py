@@ -6,10 +6,8 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import typer
-from jaxtyping import Float
 from rich.console import Console
 
 import sigmapoint as sp
@@ -18,13 +16,12 @@ from sigmapoint.cli.data import Clock
 from sigmapoint.cli.errors import folder, guarded
 from sigmapoint.cli.expressions import parse_methods
 from sigmapoint.cli.run import Debug, frame_of
-from sigmapoint.data import Log, load_leaf
 from sigmapoint.methods import Method
+from sigmapoint.problems.battery_case import WRONG_BY, Case, leaf
+from sigmapoint.problems.battery_evaluation import evaluate
 from sigmapoint.results import Posterior, field
 
 METHODS = "ekf,ukf,srukf,cdkf,srcdkf,ckf,ghkf"
-WRONG_BY = 0.2
-"""Error of the first guess of the state of charge [1]."""
 
 NOTES = (
     "The cell was identified from the runs at 10 and 40 °C only. The run at 25 °C was looked at while this model was "
@@ -32,30 +29,6 @@ NOTES = (
     "The mean NIS is below its band because the noise level is set by the transients after steps of the current, "
     "while between them the voltage is smooth and rounded to 1 mV, so most innovations are smaller than allowed for.",
 )
-
-
-class Case(NamedTuple):
-    """The run to estimate, with a model identified from other runs."""
-
-    log: Log
-    u: dict[str, Any]
-    reference: Float[np.ndarray, "T"]
-    """state of charge [1] by counting charge from full"""
-    model: sp.StateSpaceModel
-    resistance: float
-    """series resistance [Ω] identified from the other runs"""
-
-
-def identified() -> Case:
-    """Identify the cell at 25 °C from 10 and 40 °C; the model of the 25 °C run, started 20 points wrong."""
-    from sigmapoint.problems import battery
-    from sigmapoint.problems.battery_identification import identify
-
-    cold, log, warm = (load_leaf(temperature) for temperature in (10, 25, 40))
-    cell = identify([cold, warm], temperature=25)
-    u, reference = battery.inputs(log), battery.reference_soc(log, cell.capacity, cell.efficiency)
-    model = battery.model(cell, u, soc=float(reference[0]) + WRONG_BY)
-    return Case(log, jax.tree.map(jnp.asarray, u), reference, model, cell.r0)
 
 
 class Estimated(NamedTuple):
@@ -68,10 +41,8 @@ class Estimated(NamedTuple):
 
 def estimate(case: Case, method: Method) -> Estimated:
     """Filter the run and judge it from 30 minutes on."""
-    from sigmapoint.problems.battery_evaluation import evaluate
-
     begin = time.perf_counter()
-    post = jax.block_until_ready(sp.filter(case.model, case.log.voltage[:, None], case.u, method))
+    post = jax.block_until_ready(sp.filter(case.model, case.y, case.u, method))
     return Estimated(post, time.perf_counter() - begin, evaluate(post, case.log, case.reference))
 
 
@@ -100,24 +71,17 @@ def finals(case: Case, results: Mapping[str, Estimated]) -> list[dict[str, Any]]
     rows = []
     for name, result in results.items():
         mean, std = (field(result.post, part)[-1] for part in ("mean", "std"))
-        ohm = case.resistance * float(np.exp(mean[4]))
+        ohm = case.cell.r0 * float(np.exp(mean[4]))
         rows.append(
             {
                 "method": name,
                 "resistance [mΩ]": f"{1e3 * ohm:.3f} ± {1e3 * ohm * std[4]:.3f}",
-                "identified [mΩ]": f"{1e3 * case.resistance:.3f}",
+                "identified [mΩ]": f"{1e3 * case.cell.r0:.3f}",
                 "final SOC [points]": f"{100 * mean[0]:.2f} ± {100 * std[0]:.2f}",
                 "counted [points]": f"{100 * case.reference[-1]:.2f}",
             }
         )
     return rows
-
-
-def truth_of(case: Case) -> Float[np.ndarray, "T n"]:
-    """True states (T, n): the counted charge; the others are not known."""
-    truth = np.full((case.reference.size, case.model.initial.mean.size), np.nan)
-    truth[:, 0] = case.reference
-    return truth
 
 
 def frames(case: Case, results: Mapping[str, Estimated]) -> Any:
@@ -139,13 +103,13 @@ def summary(case: Case, results: Mapping[str, Estimated], seconds: float) -> dic
         name: r.score
         | {"log_likelihood": float(r.post.log_likelihood), "seconds": r.seconds}
         | {"final_soc": last[name][0][0], "final_soc_std": last[name][1][0]}
-        | {"resistance_ohm": case.resistance * np.exp(last[name][0][4]), "log_resistance_std": last[name][1][4]}
+        | {"resistance_ohm": case.cell.r0 * np.exp(last[name][0][4]), "log_resistance_std": last[name][1][4]}
         for name, r in results.items()
     }
     return {
         "T": case.log.time.size,
         "first_guess_wrong_by": WRONG_BY,
-        "identified_resistance_ohm": case.resistance,
+        "identified_resistance_ohm": case.cell.r0,
         "methods": methods,
         "notes": NOTES,
         "seconds": seconds,
@@ -168,7 +132,7 @@ def demo(
     console, chosen, folder_out = Console(), parse_methods(methods), folder(out)
     with output.progress(len(chosen) + 2) as step:
         step("identifying the cell from its runs at 10 and 40 °C")
-        case = identified()
+        case = leaf()
         results: dict[str, Estimated] = {}
         for name, method in chosen.items():
             step(f"filtering {case.log.time.size} samples at 25 °C with {name}")
@@ -191,7 +155,7 @@ def files(
     page: dict[str, Any] = {
         "time": case.log.time,
         "time_label": "time [s]",
-        "truth": truth_of(case),
+        "truth": case.truth,
         "title": "State of charge of a Nissan Leaf cell at 25 °C",
         "tables": list(tables.items()),
         "notes": list(NOTES),

@@ -156,4 +156,5 @@ def _labels(model: StateSpaceModel, measured: Columns, truth: Columns) -> Labels
         observations=model.observation_names or tuple(measured),
         observation_units=tuple(unit or column.unit for unit, column in zip(own, measured.values())),
         state_space=model.state_space,
+        observation_space=model.observation_space,
     )

@@ -20,7 +20,8 @@ from rich.table import Table
 
 from sigmapoint.cli.errors import stopped
 from sigmapoint.comparison import as_text
-from sigmapoint.results import Posterior
+from sigmapoint.consistency import surprise
+from sigmapoint.results import Posterior, field
 from sigmapoint.storage import write_atomically
 
 KEPT = 30
@@ -90,17 +91,9 @@ def write_all(out: Path, files: Mapping[str, Writer]) -> list[Path]:
     return [out / name for name in files]
 
 
-def innovations(post: Posterior) -> dict[str, float | None]:
-    """Summary of the NIS: its mean, how many elements were measured a sample on average, and their ratio."""
-    nis = np.asarray(post.nis, np.float64)
-    measured = np.sum(~np.isnan(np.asarray(post.innovation)), axis=1)
-    total = int(measured.sum())
-    return {
-        "mean": float(nis[measured > 0].mean()) if total else None,
-        "expected": float(measured[measured > 0].mean()) if total else None,
-        "per_element": float(nis.sum() / total) if total else None,
-        "measured_elements": total,
-    }
+def innovations(post: Posterior) -> dict[str, Any]:
+    """Summary of the NIS, see `Surprise`."""
+    return surprise(field(post, "innovation"), field(post, "nis"))._asdict()
 
 
 def table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:

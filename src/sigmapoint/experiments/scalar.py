@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import sigmapoint as sp
+from sigmapoint.accuracy import coverage
 from sigmapoint.experiments.results import Mean, Picture, Row, mean_of, publish
 from sigmapoint.experiments.scalar_figures import all_methods, single_run
 from sigmapoint.methods import Method
@@ -101,11 +102,10 @@ def estimated(method: Method, z: Float[Array, "R T m"], early_prediction: int = 
 def score(x: np.ndarray, mean: np.ndarray, std: np.ndarray) -> Scores:
     """How far off each run is, and how far it says it may be; NaN for a run that is not finite throughout."""
     lost = np.where(np.isfinite(mean + std).all(1), 0.0, np.nan)
-    error = np.abs(mean - x)
-    nees = (error / std) ** 2
-    return Scores(
-        np.sqrt((error**2).mean(1)) + lost, (error <= 3 * std).mean(1) + lost, nees.mean(1) + lost, error.max(1) + lost
-    )
+    found = [coverage("x", *row) for row in zip(mean - x, std)]
+    rms, within, largest = (np.array(part) for part in zip(*((c.rms, c.within[2], c.largest) for c in found)))
+    nees = (((mean - x) / std) ** 2).mean(1)
+    return Scores(rms + lost, within + lost, nees + lost, largest + lost)
 
 
 def compared(scores: Scores, reference: Scores) -> tuple[Mean, Mean]:

@@ -1,15 +1,15 @@
 """Judge an estimate of the state of charge: error, coverage of its band, and normalised innovations (NIS).
 
-NIS is χ² with one degree of freedom when the model is right. With 95 % probability one sample then lies between the
-squares of the normal quantiles at 0.5125 and 0.9875, and the mean of T independent ones in 1 ± 1.96 √(2/T).
+One element is measured, so the NIS is χ² with one degree of freedom when the model is right.
 """
 
-from statistics import NormalDist
 from typing import Protocol
 
 import numpy as np
 from jaxtyping import Array, Float
 
+from sigmapoint.accuracy import coverage
+from sigmapoint.consistency import consistency
 from sigmapoint.data import Log
 
 SETTLED = 1800.0
@@ -44,15 +44,14 @@ def evaluate(post: Estimate, log: Log, reference: Float[np.ndarray, "T"]) -> dic
     """
     late = log.time - log.time[0] >= SETTLED
     soc, std = np.asarray(post.mean)[late, 0], np.asarray(post.std)[late, 0]
-    error, nis = soc - reference[late], np.asarray(post.nis)[late]
-    low, high = (NormalDist().inv_cdf((1 + p) / 2) ** 2 for p in (0.025, 0.975))
-    spread = NormalDist().inv_cdf(0.975) * (2 / nis.size) ** 0.5
+    error, nis = coverage("soc", soc - reference[late], std), np.asarray(post.nis)[late]
+    judged = consistency(nis, np.ones(nis.shape, int))
     return {
-        "soc_rms": float(100 * np.sqrt(np.mean(error**2))),
-        "soc_max": float(100 * np.max(abs(error))),
+        "soc_rms": 100 * error.rms,
+        "soc_max": 100 * error.largest,
         "soc_std": float(100 * np.sqrt(np.mean(std**2))),
-        "coverage": float(100 * np.mean(abs(error) <= 2 * std)),
-        "nis_mean": float(np.mean(nis)),
-        "nis_mean_band": (1 - spread, 1 + spread),
-        "nis_inside": float(100 * np.mean((nis >= low) & (nis <= high))),
+        "coverage": 100 * error.within[1],
+        "nis_mean": judged.mean,
+        "nis_mean_band": judged.band,
+        "nis_inside": 100 * judged.inside,
     }

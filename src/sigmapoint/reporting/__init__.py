@@ -1,10 +1,9 @@
-"""The report page and the plots of a result."""
+"""The report page."""
 
-try:
-    import plotly  # noqa: F401
-except ImportError as error:
-    raise ImportError("reports need plotly and scipy: pip install sigmapoint[cli]") from error
+from sigmapoint import checks
 
-from sigmapoint.reporting.page import report
+checks.extra("plotly", "report")
+
+from sigmapoint.reporting.page import report  # noqa: E402 (what is missing is said first)
 
 __all__ = ["report"]

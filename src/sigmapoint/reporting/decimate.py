@@ -9,6 +9,8 @@ from jaxtyping import Float, Int
 
 POINTS = 4000
 """Points drawn of one curve, at most."""
+MOST_BREAKS = POINTS // 8
+"""Breaks of one curve, at most."""
 
 
 def extremes(
@@ -26,6 +28,20 @@ def extremes(
     highest = np.where(np.isfinite(high), high, -np.inf)[rows].argmax(1)
     first = rows[:, 0]
     return np.unique(np.concatenate([[0], first + lowest, first + highest, [T - 1]]))
+
+
+def with_breaks(
+    breaks: Int[np.ndarray, "B"], low: Float[np.ndarray, "T"], high: Float[np.ndarray, "T"] | None = None
+) -> tuple[Int[np.ndarray, "P"], Int[np.ndarray, "B"]]:
+    """Rows as of `extremes`, with those on both sides of every break; and the breaks as positions among them.
+
+    A curve with more than `MOST_BREAKS` fills its figure from edge to edge; it is drawn as one line, which does too.
+    """
+    if breaks.size > MOST_BREAKS:
+        breaks = breaks[:0]
+    rows = extremes(low, high, POINTS if low.size <= POINTS else POINTS - 2 * breaks.size)
+    rows = np.unique(np.concatenate([rows, breaks - 1, breaks]))
+    return rows, np.searchsorted(rows, breaks)
 
 
 def compact(values: np.ndarray) -> np.ndarray:

@@ -9,11 +9,14 @@ import numpy as np
 import plotly.graph_objects as go
 
 from sigmapoint.consistency import row_band
-from sigmapoint.reporting.axes import titled
-from sigmapoint.reporting.decimate import POINTS, compact, extremes
+from sigmapoint.curves import broken, wraps
+from sigmapoint.plotting import titled
+from sigmapoint.reporting.decimate import POINTS, compact, extremes, with_breaks
 from sigmapoint.reporting.runs import Run, Runs
 
 TRUTH, MEASURED = "#e0457b", "#8b95a5"
+NOWHERE = np.zeros(0, int)
+"""No breaks."""
 FLOOR = 1e-3
 """NIS below this is drawn there: its axis is logarithmic."""
 
@@ -24,9 +27,12 @@ def state_figure(runs: Runs, i: int) -> go.Figure:
     for run in runs.each:
         if run.mean is not None:
             std = run.std[:, i] if run.std is not None and run.std.shape == run.mean.shape else None
-            _banded(figure, runs.x, run, run.mean[:, i], std)
+            _banded(figure, runs.x, run, run.mean[:, i], std, wraps(runs.labels.state_space, run.mean, i))
     if runs.truth is not None and np.isfinite(runs.truth[:, i]).any():
-        figure.add_trace(_line(runs.x, runs.truth[:, i], name="truth", color=TRUTH, dash="dash", width=1.4))
+        breaks = wraps(runs.labels.state_space, runs.truth, i)
+        figure.add_trace(
+            _line(runs.x, runs.truth[:, i], name="truth", color=TRUTH, dash="dash", width=1.4, breaks=breaks)
+        )
     return figure
 
 
@@ -44,15 +50,16 @@ def measurement_figure(runs: Runs, j: int) -> go.Figure:
     figure = _series(runs, titled(runs.labels.observations[j], runs.labels.observation_units[j]))
     figure.add_trace(_dots(runs.x, runs.y[:, j], name="measured", color=MEASURED))
     for run in runs.each:
-        if run.innovation is not None:
-            expected = runs.y[:, j] - run.innovation[:, j]
-            figure.add_trace(_line(runs.x, expected, name=run.name or "predicted", color=run.color, dash=run.dash))
+        if run.predicted is not None:
+            breaks, name = wraps(runs.labels.observation_space, run.predicted, j), run.name or "predicted"
+            line = _line(runs.x, run.predicted[:, j], name=name, color=run.color, dash=run.dash, breaks=breaks)
+            figure.add_trace(line)
     return figure
 
 
 def innovation_figure(runs: Runs, j: int) -> go.Figure:
     """Innovation `j` of every method against ±2σ."""
-    name, unit = runs.labels.observations[j], runs.labels.observation_units[j]
+    name, unit = (part[j] for part in runs.innovations)
     figure = _series(runs, titled(f"{name} innovation", unit))
     for run in runs.each:
         if run.innovation is not None and run.spread is not None:
@@ -100,16 +107,18 @@ def _chi_squared(figure: go.Figure, x: np.ndarray, degrees: Any) -> None:
         figure.add_trace(go.Scatter(x=x[rows], y=edge, mode="lines", line=line, **shown))
 
 
-def _banded(figure: go.Figure, x: np.ndarray, run: Run, mean: np.ndarray, std: np.ndarray | None) -> None:
+def _banded(
+    figure: go.Figure, x: np.ndarray, run: Run, mean: np.ndarray, std: np.ndarray | None, breaks: np.ndarray
+) -> None:
     """A curve with its ±2σ band around it."""
     if std is not None:
-        _band(figure, x, run, mean - 2 * std, mean + 2 * std)
-    rows = extremes(mean)
-    hover = "%{y:.5g}" if std is None else "%{y:.5g} ± %{customdata:.2g}"
-    trace = _line(x, mean, name=run.name or "estimate", color=run.color, dash=run.dash, rows=rows)
-    trace.update(legendgroup=run.name, hovertemplate=hover)
+        _band(figure, x, run, mean - 2 * std, mean + 2 * std, breaks)
+    trace = _line(x, mean, name=run.name or "estimate", color=run.color, dash=run.dash, breaks=breaks)
+    trace.update(legendgroup=run.name)
     if std is not None:
-        trace.update(customdata=compact(2 * std[rows]))
+        rows, ends = with_breaks(breaks, mean)
+        _, width = broken(ends, x[rows], compact(2 * std[rows]))
+        trace.update(customdata=width, hovertemplate="%{y:.5g} ± %{customdata:.2g}")
     figure.add_trace(trace)
 
 
@@ -134,11 +143,18 @@ def _view(values: np.ndarray, std: np.ndarray) -> float:
     return 1.08 * max(common, 3 * float(np.median(spread)) if spread.size else 0.0)
 
 
-def _band(figure: go.Figure, x: np.ndarray, run: Run, low: np.ndarray, high: np.ndarray) -> None:
-    rows = extremes(low, high)
-    rows = rows[np.isfinite(low[rows]) & np.isfinite(high[rows])]
-    outline = np.concatenate([compact(low[rows]), compact(high[rows])[::-1]])
-    trace = go.Scatter(x=np.concatenate([x[rows], x[rows][::-1]]), y=outline, fill="toself", mode="lines")
+def _band(
+    figure: go.Figure, x: np.ndarray, run: Run, low: np.ndarray, high: np.ndarray, breaks: np.ndarray = NOWHERE
+) -> None:
+    """Closed outlines one after the other with NaN between: one, and one more for every break."""
+    rows, ends = with_breaks(breaks, low, high)
+    known = [part[np.isfinite(low[part]) & np.isfinite(high[part])] for part in np.split(rows, ends)]
+    parts = [part for part in known if part.size] or [rows[:0]]
+    outline = np.concatenate([side for part in parts for side in (low[part], high[part][::-1])])
+    around = np.concatenate([side for part in parts for side in (part, part[::-1])])
+    starts = np.cumsum([2 * part.size for part in parts])[:-1]
+    at, outline = broken(starts, x[around], compact(outline))
+    trace = go.Scatter(x=at, y=outline, fill="toself", mode="lines")
     trace.update(fillcolor=run.fill, line={"width": 0}, hoverinfo="skip")
     figure.add_trace(trace.update(name=f"{run.name} ±2σ".strip(), legendgroup=run.name, showlegend=False))
 
@@ -151,11 +167,12 @@ def _line(
     color: str,
     dash: str = "solid",
     width: float = 1.6,
-    rows: np.ndarray | None = None,
+    breaks: np.ndarray = NOWHERE,
 ) -> go.Scatter:
-    rows = extremes(y) if rows is None else rows
+    rows, ends = with_breaks(breaks, y)
+    at, curve = broken(ends, x[rows], compact(y[rows]))
     line = {"color": color, "width": width, "dash": dash}
-    return go.Scatter(x=x[rows], y=compact(y[rows]), name=name, mode="lines", line=line, hovertemplate="%{y:.5g}")
+    return go.Scatter(x=at, y=curve, name=name, mode="lines", line=line, hovertemplate="%{y:.5g}")
 
 
 def _dots(x: np.ndarray, y: np.ndarray, *, name: str, color: str, opacity: float = 0.7) -> go.Scatter:

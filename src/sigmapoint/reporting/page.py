@@ -17,6 +17,7 @@ import numpy as np
 from plotly.offline import get_plotlyjs
 
 from sigmapoint.comparison import Comparison
+from sigmapoint.printing import counted
 from sigmapoint.reporting.decimate import POINTS
 from sigmapoint.reporting.html import Graphs, number, section, table
 from sigmapoint.reporting.runs import Runs, runs_of
@@ -134,13 +135,9 @@ def _subtitle(runs: Runs) -> str:
     n = len(runs.labels.states)
     methods = ", ".join(run.name for run in runs.each if run.name)
     counts = (
-        f"{_counted(T, 'sample')} · {_counted(n, 'state')} · {_counted(m, 'measured quantity', 'measured quantities')}"
+        f"{counted(T, 'sample')} · {counted(n, 'state')} · {counted(m, 'measured quantity', 'measured quantities')}"
     )
     return f"{methods} · {counts}" if methods else counts
-
-
-def _counted(count: int, one: str, many: str = "") -> str:
-    return f"{count:,}".replace(",", "\u202f") + f" {one if count == 1 else many or one + 's'}"
 
 
 def _drawing(runs: Runs) -> str:

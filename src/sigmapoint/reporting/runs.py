@@ -1,14 +1,19 @@
 """What the page draws of each method: its fields as NumPy arrays, its diagnosis, its colour."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from sigmapoint import checks
+from sigmapoint.accuracy import Coverage, errors
 from sigmapoint.consistency import normalised
-from sigmapoint.diagnostics import Diagnosis, diagnose, errors
-from sigmapoint.results import Labels, Posterior, host
+from sigmapoint.curves import principal
+from sigmapoint.diagnostics import Diagnosis, diagnose
+from sigmapoint.results import Axis, Labels, Posterior, host
 
 COLORS = ("#2f81f7", "#f08a24", "#1fa97a", "#b068e8", "#e5534b", "#12a5b8", "#c9a227", "#8d99ae")
 """Readable on light and dark ground."""
@@ -27,7 +32,11 @@ class Run(NamedTuple):
     mean: Float[np.ndarray, "T d"] | None
     std: Float[np.ndarray, "T n"] | None
     error: Float[np.ndarray, "T n"] | None
+    coverage: tuple[Coverage, ...]
+    """of each element of the error"""
     innovation: Float[np.ndarray, "T m"] | None
+    predicted: Float[np.ndarray, "T e"] | None
+    """measurement that was expected"""
     spread: Float[np.ndarray, "T m"] | None
     """standard deviation of the predicted measurement"""
     nis: Float[np.ndarray, "T"] | None
@@ -48,6 +57,16 @@ class Runs(NamedTuple):
     """what those are"""
     truth: Float[np.ndarray, "T d"] | None
 
+    @property
+    def errors(self) -> Axis:
+        """The elements of an error; none where no method has one."""
+        return self.labels.directions(_width(run.error for run in self.each))
+
+    @property
+    def innovations(self) -> Axis:
+        """The elements of an innovation; none where no method kept it."""
+        return self.labels.innovations(_width(run.innovation for run in self.each))
+
 
 def runs_of(result: Posterior | Mapping[str, Posterior], x: np.ndarray, axis: str, truth: Any) -> Runs:
     """Everything the figures need.
@@ -57,18 +76,21 @@ def runs_of(result: Posterior | Mapping[str, Posterior], x: np.ndarray, axis: st
     """
     posts = {"": result} if isinstance(result, Posterior) else dict(result)
     first = next(iter(posts.values()))
+    labels = first.labels
     for name, post in posts.items():
         if post.y.shape != first.y.shape or post.labels != first.labels:
             raise ValueError(f"result {name!r} is of another series or model than the first; make one report for each")
-    true = None if truth is None else host(truth).astype(float)
+    true = None if truth is None else checks.truth(truth, (first.y.shape[0], len(labels.states)))
     each = [_run(i, name, post, true, 0.18 / len(posts) ** 0.5) for i, (name, post) in enumerate(posts.items())]
-    return Runs(each, first.labels, host(first.y), x, axis, true)
+    shown = None if true is None else principal(labels.state_space, true)
+    return Runs(each, labels, principal(labels.observation_space, host(first.y)), x, axis, shown)
 
 
 def _run(i: int, name: str, post: Posterior, truth: np.ndarray | None, opacity: float) -> Run:
     S, innovation = post.innovation_cov, post.innovation
     checkable = S is not None and innovation is not None and post.nis is not None
     judged = truth is not None and post.mean is not None and post.std is not None
+    found = errors(post, truth) if judged else None
     truth_too = truth if judged and post.cov is not None else None
     color = COLORS[i % len(COLORS)]
     return Run(
@@ -78,14 +100,25 @@ def _run(i: int, name: str, post: Posterior, truth: np.ndarray | None, opacity: 
         dash=DASHES[i // len(COLORS) % len(DASHES)],
         mean=_optional(post.mean),
         std=_optional(post.std),
-        error=errors(post, truth) if judged else None,
+        error=None if found is None else found.value,
+        coverage=() if found is None else found.each(),
         innovation=_optional(innovation),
+        predicted=None if innovation is None else _predicted(post),
         spread=None if S is None else np.sqrt(np.maximum(np.einsum("tii->ti", host(S)), 0)),
         nis=_optional(post.nis),
         degrees=normalised(host(innovation), host(S)).degrees if checkable else None,
         diagnosis=diagnose(post, truth_too) if checkable else None,
         log_likelihood=float(post.log_likelihood),
     )
+
+
+def _predicted(post: Posterior) -> Float[np.ndarray, "T e"]:
+    """The innovation taken back from the measurement."""
+    return host(jax.vmap(post.labels.observation_space.retract)(jnp.asarray(post.y), -jnp.asarray(post.innovation)))
+
+
+def _width(fields: Iterable[np.ndarray | None]) -> int:
+    return next((field.shape[1] for field in fields if field is not None), 0)
 
 
 def _optional(value: Any) -> np.ndarray | None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sigmapoint.reporting.axes import SHOWN
+from sigmapoint.plotting import SHOWN
 from sigmapoint.reporting.figures import error_figure, innovation_figure, measurement_figure, nis_figure, state_figure
 from sigmapoint.reporting.html import Graphs, badge, card, grid, number, section, table, verdict_list
 from sigmapoint.reporting.runs import Run, Runs
@@ -74,8 +74,8 @@ def accuracy(runs: Runs, graphs: Graphs) -> str:
     if all(run.error is None for run in runs.each):
         return ""
     rows = [row for run in runs.each for row in _coverage_rows(run, runs)]
-    names = _tangent(runs)
-    known = [i for i, _ in enumerate(names) if any(_known(run, i) for run in runs.each)]
+    names = list(zip(*runs.errors))
+    known = [i for i, _ in enumerate(names) if any(run.coverage[i].samples for run in runs.each if run.coverage)]
     figures = [graphs.figure(f"Error of {names[i][0]}", error_figure(runs, i, *names[i])) for i in known[:SHOWN]]
     text = (
         "Error: truth minus estimate. A filter that knows its limits stays within ±2σ about 95 % of the time. " + VIEW
@@ -86,20 +86,22 @@ def accuracy(runs: Runs, graphs: Graphs) -> str:
 
 def innovations(runs: Runs, graphs: Graphs) -> str:
     """Measurements against predictions, and their difference against ±2σ."""
-    labels, e = runs.labels.observations, runs.y.shape[1]
-    drawn = min(len(labels), SHOWN)
-    if all(run.innovation is None for run in runs.each):
+    measured, surprises = runs.labels.observations, runs.innovations.names
+    total = max(len(measured), len(surprises))
+    drawn = min(total, SHOWN)
+    if not surprises:
         return ""
     figures = []
     for j in range(drawn):
-        if e == len(labels):
-            figures.append(graphs.figure(labels[j], measurement_figure(runs, j), "measured and predicted"))
-        figures.append(graphs.figure(labels[j], innovation_figure(runs, j), "innovation against ±2σ"))
+        if j < len(measured):
+            figures.append(graphs.figure(measured[j], measurement_figure(runs, j), "measured and predicted"))
+        if j < len(surprises):
+            figures.append(graphs.figure(surprises[j], innovation_figure(runs, j), "innovation against ±2σ"))
     text = (
         "Innovation: measurement minus what the filter expected just before it. It should stay within ±2σ about 95 % "
     )
     text += "of the time and show no pattern. " + VIEW
-    few = _few(drawn, len(labels), "measured quantities")
+    few = _few(drawn, total, "measured quantities")
     return section("measurements", "Measurements and innovations", text, few, grid("two", figures))
 
 
@@ -119,7 +121,7 @@ def whiteness(runs: Runs, graphs: Graphs) -> str:
     judged = [run for run in runs.each if run.diagnosis and any(e.samples > 3 for e in run.diagnosis.elements)]
     if not judged:
         return ""
-    labels = runs.labels.observations
+    labels = runs.innovations.names
     drawn = min(len(labels), SHOWN)
     parts = []
     for j in range(drawn):
@@ -152,28 +154,19 @@ def _row(run: Run, runs: Runs) -> dict[str, Any]:
 
 
 def _rms(run: Run, runs: Runs) -> dict[tuple[str, str], float]:
-    if run.error is None:
-        return {}
-    known = np.isfinite(run.error)
-    squares = np.where(known, run.error, 0.0) ** 2
-    mean = squares.sum(0) / np.where(known.any(0), known.sum(0), np.nan)
-    return dict(zip(_tangent(runs), np.sqrt(mean).tolist()))
+    return {(found.name, unit): found.rms for found, unit in zip(run.coverage, runs.errors.units)}
 
 
 def _coverage_rows(run: Run, runs: Runs) -> list[dict[str, Any]]:
-    rows, rms = [], _rms(run, runs)
-    for i, name in enumerate(_tangent(runs)):
-        if not _known(run, i) or run.error is None or run.std is None:
+    rows = []
+    for found, unit in zip(run.coverage, runs.errors.units):
+        if not found.samples:
             continue
-        known = np.isfinite(run.error[:, i]) & np.isfinite(run.std[:, i])
-        error, std = np.abs(run.error[known, i]), run.std[known, i]
         row: dict[str, Any] = {"method": run.name} if run.name else {}
-        row |= {"state": name[0], "unit": name[1], "RMS error": rms[name], "largest": float(error.max())}
-        row |= {"mean of own σ": float(std.mean())}
-        shares = {
-            f"within ±{k}σ ({p} %)": np.mean(error <= k * std) for k, p in ((1, "68.3"), (2, "95.4"), (3, "99.7"))
-        }
-        rows.append(row | {label: f"{100 * share:.1f} %" for label, share in shares.items()})
+        row |= {"state": found.name, "unit": unit, "RMS error": found.rms, "largest": found.largest}
+        row |= {"mean of own σ": found.std}
+        shares = zip(("±1σ (68.3 %)", "±2σ (95.4 %)", "±3σ (99.7 %)"), found.within)
+        rows.append(row | {f"within {bars}": f"{100 * share:.1f} %" for bars, share in shares})
     return rows
 
 
@@ -185,17 +178,6 @@ def _input_rows(run: Run) -> list[dict[str, Any]]:
         for e in found
         for i in e.inputs
     ]
-
-
-def _known(run: Run, i: int) -> bool:
-    return run.error is not None and run.std is not None and bool(np.isfinite(run.error[:, i]).any())
-
-
-def _tangent(runs: Runs) -> list[tuple[str, str]]:
-    """Names and units of the elements of an error: those of the states, or `d0, d1, …` on a manifold."""
-    size = next((run.error.shape[1] for run in runs.each if run.error is not None), 0)
-    names = runs.labels.directions(size)
-    return list(zip(names, runs.labels.state_units if names == runs.labels.states else [""] * size))
 
 
 def _measured(runs: Runs) -> str:

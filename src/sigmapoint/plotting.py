@@ -4,7 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from sigmapoint.results import Posterior, field, host
+from sigmapoint import checks
+from sigmapoint.curves import broken, principal, wraps
+from sigmapoint.results import Posterior, field
 from sigmapoint.tables import instants
 
 SHOWN = 12
@@ -26,26 +28,24 @@ def plot_states(post: Posterior, time: Any = None, truth: Any = None) -> np.ndar
         ValueError: `time` or `truth` of another shape; a batch of results; `mean` or `std` not kept.
         ImportError: matplotlib is not installed.
     """
-    try:
-        import matplotlib.pyplot as plt
-    except ImportError as error:
-        raise ImportError("plot needs matplotlib: pip install sigmapoint[cli]") from error
+    plt = checks.extra("matplotlib.pyplot", "plot")
     mean, std = field(post, "mean"), field(post, "std")
     T, n = mean.shape
     x = instants(time, T)
-    true = None if truth is None else host(truth)
-    if true is not None and true.shape != mean.shape:
-        raise ValueError(f"truth must have the shape of the estimates, {mean.shape}, got {true.shape}")
+    space = post.labels.state_space
+    true = None if truth is None else principal(space, checks.truth(truth, mean.shape))
     drawn = min(n, SHOWN)
     figure, axes = plt.subplots(
         drawn, 1, sharex=True, squeeze=False, figsize=(8, 1.2 + 1.7 * drawn), layout="constrained"
     )
     for i, ax in enumerate(axes[:, 0]):
+        breaks = wraps(space, mean, i)
         if std.shape == mean.shape:
-            ax.fill_between(x, mean[:, i] - 2 * std[:, i], mean[:, i] + 2 * std[:, i], alpha=0.25, lw=0, label="±2σ")
-        ax.plot(x, mean[:, i], lw=1.3, label="estimate")
+            low, high = mean[:, i] - 2 * std[:, i], mean[:, i] + 2 * std[:, i]
+            ax.fill_between(*broken(breaks, x, low, high), alpha=0.25, lw=0, label="±2σ")
+        ax.plot(*broken(breaks, x, mean[:, i]), lw=1.3, label="estimate")
         if true is not None:
-            ax.plot(x, true[:, i], "--", color="0.35", lw=1.1, label="truth")
+            ax.plot(*broken(wraps(space, true, i), x, true[:, i]), "--", color="0.35", lw=1.1, label="truth")
         ax.set_ylabel(titled(post.labels.states[i], post.labels.state_units[i]))
         ax.grid(alpha=0.25)
         ax.spines[["top", "right"]].set_visible(False)
