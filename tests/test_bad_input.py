@@ -134,6 +134,8 @@ CASES = {
     "observation names too many": (lambda: run(observation_names=("a", "b")), "observation_names must be 1 string"),
     "simulate a number": (lambda: sp.simulate(5, 3, key=jax.random.key(0)), "model must be"),
     "black box not a function": (lambda: sp.blackbox(3), "callable"),
+    "half a worker": (lambda: sp.blackbox(f, workers=1.5), "blackbox: workers must be a whole number of at least 0"),
+    "size a string": (lambda: sp.blackbox(f, size="a"), "blackbox: size must be a whole number of at least 1"),
     "an angle wider than its points can be": (lambda: _angle(3.63), "initial: the standard deviation of heading, 3.63"),
     "a key that is none": (lambda: sp.simulate(model(), 3, key="0"), "key must be"),
     "angles without indices": (lambda: sp.angles(), "angles"),

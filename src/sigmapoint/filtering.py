@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from sigmapoint import checks
 from sigmapoint.belief import Belief, Split, covariance
-from sigmapoint.blackbox import guarded
+from sigmapoint.blackbox import unwrapped
 from sigmapoint.carry import Functions, Points
 from sigmapoint.iterate import relinearized
 from sigmapoint.linalg import solve_lower
@@ -154,7 +154,7 @@ def filter(
     """
     y, u, method = prepared(model, y, u, method)
     keep = checks.selection("keep", keep, FIELDS)
-    kept = guarded(_filter, model, y, u, method, keep)
+    kept = unwrapped(_filter, model, y, u, method, keep)
     return Posterior.of(model, y, u, kept)
 
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from sigmapoint import checks
-from sigmapoint.blackbox import guarded
+from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import Filter, FilterState, Info, fitting
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
@@ -34,7 +34,7 @@ class OnlineFilter:
             ValueError: a state that is none, a measurement of another shape, infinite values, NaN in `u`.
         """
         y, u = self._row(state, y, u)
-        return guarded(_update, self._model, self._method, state, y, u)
+        return unwrapped(_update, self._model, self._method, state, y, u)
 
     def predict(self, state: FilterState, u: Any = None) -> FilterState:
         """Go on to the next instant, with the input `u` of the present one.
@@ -43,7 +43,7 @@ class OnlineFilter:
             ValueError: a state that is none, NaN in `u`.
         """
         _, u = self._row(state, (), u)
-        return guarded(_predict, self._model, self._method, state, u)
+        return unwrapped(_predict, self._model, self._method, state, u)
 
     def _row(self, state: FilterState, y: Any, u: Any) -> tuple[Any, Any]:
         if not isinstance(state, FilterState):

@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 from sigmapoint import checks
 from sigmapoint.belief import Belief
-from sigmapoint.blackbox import guarded
+from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import Filter, FilterState, fields, prepared, scan
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
@@ -101,7 +101,7 @@ def smooth(
     smoother = rts() if smoother is None else smoother
     checks.instance("smoother", smoother, RTS)
     keep = checks.selection("keep", keep, FIELDS)
-    kept = guarded(_smooth, model, y, u, method, smoother, keep)
+    kept = unwrapped(_smooth, model, y, u, method, smoother, keep)
     return Posterior.of(model, y, u, kept)
 
 
