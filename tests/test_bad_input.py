@@ -101,12 +101,28 @@ CASES = {
     "u a number": (lambda: run(u=3.0), "u must have one row"),
     "R of the wrong size": (lambda: run(observation_noise=EYE2), "observation_noise must be"),
     "keep unknown": (lambda: sp.filter(model(), np.ones((3, 1)), keep=("mean", "median")), "keep has unknown.*median"),
+    "keep a number": (lambda: sp.filter(model(), np.ones((3, 1)), keep=3), "keep must be names out of mean, .*got 3"),
     "model not a model": (lambda: sp.filter(f, np.ones((3, 1))), "model must be a sp.StateSpaceModel"),
     "online y a matrix": (
         lambda: sp.online(model()).update(sp.online(model()).init(), np.ones((2, 1))),
         "y must be one measurement",
     ),
     "online state a tuple": (lambda: sp.online(model()).predict((1, 2)), "state must come from"),
+    "online y a string": (
+        lambda: sp.online(model()).update(sp.online(model()).init(), "a"),
+        "y must be an array of numbers",
+    ),
+    "iterated without parentheses": (lambda: sp.iterated(sp.srukf), r"method must be a sp.Method.*sp.srukf\(\)"),
+    "augmented without parentheses": (lambda: sp.augmented(sp.srukf), r"method must be a sp.Method.*sp.srukf\(\)"),
+    "extended without parentheses": (lambda: sp.extended_set(sp.ukf), r"method must be a sp.Method.*sp.ukf\(\)"),
+    "alpha a string": (lambda: sp.ukf("a"), "alpha must be a number, got 'a'"),
+    "w0 a string": (lambda: sp.srjulier_ukf("a"), "w0 must be a number"),
+    "interval a string": (lambda: sp.srcdkf("a"), "h must be a number"),
+    "order a string": (lambda: sp.srghkf("a"), "order must be a whole number of at least 2"),
+    "smoother a string": (
+        lambda: sp.smooth(model(), np.ones((3, 1)), smoother="rts"),
+        r"smoother must be sp.rts\(\), got str",
+    ),
     "iterated zero times": (lambda: sp.iterated(sp.ekf(), 0), "iterations"),
     "iterated and augmented": (lambda: sp.iterated(sp.augmented(sp.ukf()), 2), "iterated"),
     "augmented and iterated": (lambda: sp.augmented(sp.iterated(sp.ukf(), 2)), "iterated"),
@@ -138,6 +154,7 @@ CASES = {
     "size a string": (lambda: sp.blackbox(f, size="a"), "blackbox: size must be a whole number of at least 1"),
     "an angle wider than its points can be": (lambda: _angle(3.63), "initial: the standard deviation of heading, 3.63"),
     "a key that is none": (lambda: sp.simulate(model(), 3, key="0"), "key must be"),
+    "angles of half an element": (lambda: sp.angles(0.5), "angles: positions must be whole numbers"),
     "angles without indices": (lambda: sp.angles(), "angles"),
 }
 

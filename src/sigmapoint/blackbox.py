@@ -114,7 +114,9 @@ def _opaque(box: Blackbox, shape: jax.ShapeDtypeStruct, *args: Any) -> Array:
     return call(*args)
 
 
-def blackbox(function: Callable[..., Any], *, size: int | None = None, vectorized: bool = False, workers: int = 0) -> Blackbox:
+def blackbox(
+    function: Callable[..., Any], *, size: int | None = None, vectorized: bool = False, workers: int = 0
+) -> Blackbox:
     """Use a Python, C or any other simulator as `dynamics` or `observation`.
 
     Args:
@@ -133,8 +135,8 @@ def blackbox(function: Callable[..., Any], *, size: int | None = None, vectorize
         ValueError: not a function; a size below one; workers below zero, or together with `vectorized`.
 
     An exception inside the function comes out of `filter`, `smooth`, `simulate` and `online` as it was raised. Under
-    `jax.jit` of your own (and other transformations around these calls) it arrives from JAX as a `JaxRuntimeError`, with
-    its type and message in the text.
+    `jax.jit` of your own (and other transformations around these calls) it arrives from JAX as a `JaxRuntimeError`,
+    with its type and message in the text.
 
     Examples:
         >>> import jax.numpy as jnp, numpy as np, sigmapoint as sp

@@ -1,4 +1,4 @@
-"""P0 = 1e8·I against Q = R = 1e-10·I in six states: eighteen orders of magnitude, with the answer of 60-digit arithmetic.
+"""P0 = 1e8·I against Q = R = 1e-10·I in six states: eighteen orders of magnitude, and the answer at 60 digits.
 
 The truth starts at zero. That matters: a function value near 1e4 has a rounding error of 1e-12, which is 1e-7 of a
 standard deviation of 1e-5, and no filter that works from function values can be better than that.
