@@ -57,11 +57,11 @@ class Entry(NamedTuple):
 class Noise(Protocol):
     """A noise at one instant, as the filters see it."""
 
-    def within(self, f: Callable, space: Space) -> Entry:
+    def within(self, f: Callable[..., Any], space: Space) -> Entry:
         """`f` with as little noise in the points as possible."""
         ...
 
-    def through(self, f: Callable, space: Space) -> Entry:
+    def through(self, f: Callable[..., Any], space: Space) -> Entry:
         """`f` with all of the noise in the points."""
         ...
 
@@ -72,10 +72,10 @@ class AdditiveNoise(NamedTuple):
     mean: Float[Array, " q"]
     spread: Spread
 
-    def within(self, f: Callable, space: Space) -> Entry:
+    def within(self, f: Callable[..., Any], space: Space) -> Entry:
         return Entry(0, lambda x, u, xi: space.retract(f(x, u), self.mean), self.spread)
 
-    def through(self, f: Callable, space: Space) -> Entry:
+    def through(self, f: Callable[..., Any], space: Space) -> Entry:
         def call(x: Array, u: Any, xi: Array) -> Array:
             return space.retract(f(x, u), self.mean + self.spread.factor @ xi)
 
@@ -88,10 +88,10 @@ class StackedNoise(NamedTuple):
     mean: Float[Array, " q"]
     spread: Spread
 
-    def within(self, f: Callable, space: Space) -> Entry:
+    def within(self, f: Callable[..., Any], space: Space) -> Entry:
         return self.through(f, space)
 
-    def through(self, f: Callable, space: Space) -> Entry:
+    def through(self, f: Callable[..., Any], space: Space) -> Entry:
         return Entry(self.mean.shape[0], lambda x, u, xi: f(x, u, self.mean + self.spread.factor @ xi), None)
 
 

@@ -13,7 +13,7 @@ once. From then on x̂ and z belong to the same state, which is row k of `xstore
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -58,7 +58,7 @@ Belief = tuple[np.ndarray, np.ndarray]
 """Means and standard deviations, each (runs, T)."""
 
 
-def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict]:
+def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, Any]]:
     """Run the experiment; see `Experiment.run`."""
     with jax.enable_x64(True):
         x, z = series(runs or (QUICK_RUNS if quick else RUNS), seed)
