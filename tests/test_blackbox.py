@@ -3,6 +3,8 @@
 import ctypes
 import ctypes.util
 import traceback
+import weakref
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 
 import sigmapoint as sp
+from sigmapoint.blackbox import MOST_KEPT, Ticket
 
 
 def traced_step(x, u):
@@ -117,6 +120,45 @@ def test_an_exception_in_a_worker_arrives_too():
             sp.filter(model(box), Y, U, sp.srukf())
     finally:
         box.close()
+
+
+class OtherError(Exception):
+    pass
+
+
+def test_threads_get_their_own_exceptions():
+    def other_step(x, u):
+        raise OtherError("pump dry")
+
+    def caught(step):
+        one, found = model(sp.blackbox(step)), []
+        for _ in range(15):
+            try:
+                sp.filter(one, Y, U, sp.srukf())
+            except Exception as error:
+                found.append(type(error))
+        return found
+
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(caught, (failing_step, other_step)))
+    assert found == [[SimulatorError] * 15, [OtherError] * 15]
+
+
+def test_under_jit_of_the_users_own_the_exception_is_told_in_the_text():
+    run = jax.jit(lambda y: sp.filter(model(sp.blackbox(failing_step)), y, U, sp.srukf()).mean)
+    with pytest.raises(jax.errors.JaxRuntimeError, match="SimulatorError in a blackbox: valve stuck"):
+        run(jnp.asarray(Y)).block_until_ready()
+
+
+def test_exceptions_nobody_asks_for_are_not_kept_forever():
+    error = SimulatorError("valve stuck")
+    first = weakref.ref(error)
+    Ticket(error)
+    del error
+    assert first() is not None
+    for _ in range(MOST_KEPT):
+        Ticket(SimulatorError("valve stuck"))
+    assert first() is None
 
 
 def test_control_c_inside_comes_out_as_control_c():

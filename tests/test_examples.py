@@ -12,8 +12,7 @@ import pytest
 import sigmapoint
 
 ROOT = Path(__file__).parents[1]
-SKIPPED = ("sigmapoint.cli",)
-MODULES = [m.name for m in pkgutil.walk_packages(sigmapoint.__path__, "sigmapoint.") if not m.name.startswith(SKIPPED)]
+MODULES = [m.name for m in pkgutil.walk_packages(sigmapoint.__path__, "sigmapoint.")]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 

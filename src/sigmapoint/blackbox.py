@@ -2,10 +2,13 @@
 
 The whole set of sigma points is handed over in one call (and a batch of series in one, too), either to a function that
 takes many rows at once, or row by row, or row by row over worker processes. An exception inside the simulator reaches
-the user as it was raised, with its own traceback.
+the user as it was raised, with its own traceback: JAX passes on no more than its text, so a ticket goes into the text,
+and the exception is kept until the ticket comes back.
 """
 
+import itertools
 import multiprocessing
+import re
 import threading
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -16,14 +19,31 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-_raised: list[BaseException] = []
-_in_use = threading.Event()
+from sigmapoint import checks
+
+_kept: dict[int, BaseException] = {}
+_lock = threading.Lock()
+_numbers = itertools.count(1)
+MOST_KEPT = 64
+"""Exceptions whose tickets may never come back (raised beside another, or under the user's own `jax.jit`)."""
+
+
+class Ticket(RuntimeError):
+    """Stands for an exception on its way through JAX."""
+
+    def __init__(self, error: BaseException):
+        with _lock:
+            number = next(_numbers)
+            _kept[number] = error
+            while len(_kept) > MOST_KEPT:
+                del _kept[min(_kept)]
+        super().__init__(f"{type(error).__name__} in a blackbox: {error} [blackbox ticket {number}]")
 
 
 class Blackbox:
     """A function of NumPy arrays that a model can call; made by `blackbox`."""
 
-    def __init__(self, function: Callable, size: int | None, vectorized: bool, workers: int):
+    def __init__(self, function: Callable[..., Any], size: int | None, vectorized: bool, workers: int):
         self._function = function
         self._size = size
         self._vectorized = vectorized
@@ -31,7 +51,6 @@ class Blackbox:
         self._pool: ProcessPoolExecutor | None = None
 
     def __call__(self, x: Array, *rest: Any) -> Array:
-        _in_use.set()
         x = jnp.asarray(x)
         size = x.shape[-1] if self._size is None else self._size
         shape = jax.ShapeDtypeStruct((size,), x.dtype)
@@ -58,8 +77,7 @@ class Blackbox:
                 raise ValueError(f"blackbox: the function must return shape {expected}, got {got}; see `size`")
             return values.reshape((*batch, size))
         except BaseException as error:
-            _raised.append(error)
-            raise
+            raise Ticket(error) from error
 
     def _rows(self, rows: Any, count: int) -> Any:
         if self._vectorized:
@@ -74,7 +92,7 @@ class Blackbox:
         return list(self._pool.map(_star, [self._function] * count, each, chunksize=share))
 
 
-def _star(function: Callable, row: tuple) -> Any:
+def _star(function: Callable[..., Any], row: tuple[Any, ...]) -> Any:
     return function(*row)
 
 
@@ -87,7 +105,7 @@ def _opaque(box: Blackbox, shape: jax.ShapeDtypeStruct, *args: Any) -> Array:
         return jax.pure_callback(host, shape, *args, vmap_method="broadcast_all")
 
     @call.defjvp
-    def no_derivative(primals: tuple, tangents: tuple) -> Any:
+    def no_derivative(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> Any:
         raise TypeError(
             "a blackbox has no derivative: use a sigma-point method (sp.srcdkf(), sp.ukf(), ...), or give the model "
             "dynamics_jacobian / observation_jacobian"
@@ -96,7 +114,9 @@ def _opaque(box: Blackbox, shape: jax.ShapeDtypeStruct, *args: Any) -> Array:
     return call(*args)
 
 
-def blackbox(function: Callable, *, size: int | None = None, vectorized: bool = False, workers: int = 0) -> Blackbox:
+def blackbox(
+    function: Callable[..., Any], *, size: int | None = None, vectorized: bool = False, workers: int = 0
+) -> Blackbox:
     """Use a Python, C or any other simulator as `dynamics` or `observation`.
 
     Args:
@@ -112,7 +132,11 @@ def blackbox(function: Callable, *, size: int | None = None, vectorized: bool = 
         A callable for `StateSpaceModel`. `.close()` ends its workers.
 
     Raises:
-        ValueError: workers below zero, or together with `vectorized`.
+        ValueError: not a function; a size below one; workers below zero, or together with `vectorized`.
+
+    An exception inside the function comes out of `filter`, `smooth`, `simulate` and `online` as it was raised. Under
+    `jax.jit` of your own (and other transformations around these calls) it arrives from JAX as a `JaxRuntimeError`,
+    with its type and message in the text.
 
     Examples:
         >>> import jax.numpy as jnp, numpy as np, sigmapoint as sp
@@ -124,8 +148,8 @@ def blackbox(function: Callable, *, size: int | None = None, vectorized: bool = 
     """
     if not callable(function):
         raise ValueError(f"blackbox: function must be callable, got {type(function).__name__}")
-    if workers < 0:
-        raise ValueError(f"blackbox: workers must be 0 or more, got {workers}")
+    size = None if size is None else checks.whole("blackbox: size", size, 1)
+    workers = checks.whole("blackbox: workers", workers, 0)
     if workers and vectorized:
         raise ValueError(
             "blackbox: a vectorized function gets all points in one call; give workers or vectorized, not both"
@@ -133,15 +157,18 @@ def blackbox(function: Callable, *, size: int | None = None, vectorized: bool = 
     return Blackbox(function, size, vectorized, workers)
 
 
-def guarded(compute: Callable, *args: Any) -> Any:
-    """`compute(*args)`, where an exception from inside a simulator comes out as itself."""
-    _raised.clear()
+def unwrapped(compute: Callable[..., Any], *args: Any) -> Any:
+    """`compute(*args)`, where an exception from inside a simulator comes out as itself.
+
+    The result is waited for: an exception that arises after the call has returned could only come out as JAX's.
+    """
     try:
-        result = compute(*args)
-        return jax.block_until_ready(result) if _in_use.is_set() else result
-    except jax.errors.JaxRuntimeError:
-        if _raised:
-            raise _raised[0] from None
-        raise
-    finally:
-        _raised.clear()
+        return jax.block_until_ready(compute(*args))
+    except (jax.errors.JaxRuntimeError, Ticket) as failure:
+        tickets = re.findall(r"\[blackbox ticket (\d+)\]", str(failure))
+        with _lock:
+            errors = [_kept.pop(int(number), None) for number in dict.fromkeys(tickets)]
+        error = next((error for error in errors if error is not None), None)
+        if error is None:
+            raise
+        raise error from None

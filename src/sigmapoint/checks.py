@@ -5,6 +5,7 @@ Values are looked at only where they are known: under `jax.jit`, `grad` or `vmap
 
 import importlib
 import operator
+from collections.abc import Iterable
 from typing import Any
 
 import jax
@@ -40,11 +41,20 @@ def whole(name: str, value: Any, least: int) -> int:
     return number
 
 
-def instance(name: str, value: Any, kind: type) -> None:
-    """An object of a class of this library."""
+def number(name: str, value: Any) -> float:
+    """One real number."""
+    given = np.asarray(value)
+    if given.ndim > 0 or given.dtype.kind not in "iuf":
+        raise ValueError(f"{name} must be a number, got {value!r}")
+    return float(given)
+
+
+def instance(name: str, value: Any, kind: type, maker: str = "") -> None:
+    """An object of a class of this library; `maker` is how one is made, where users do not write the class."""
     if not isinstance(value, kind):
         hint = f"; call it: {name}=sp.{value.__name__}()" if callable(value) and hasattr(value, "__name__") else ""
-        raise ValueError(f"{name} must be a sp.{kind.__name__}, got {type(value).__name__}{hint}")
+        expected = maker or f"a sp.{kind.__name__}"
+        raise ValueError(f"{name} must be {expected}, got {type(value).__name__}{hint}")
 
 
 def space(name: str, value: Any, size: int | None) -> None:
@@ -260,6 +270,8 @@ def returned(name: str, value: Any, shape: tuple[int, ...], meaning: str) -> Arr
 
 def selection(name: str, given: Any, allowed: tuple[str, ...]) -> tuple[str, ...]:
     """A selection of names, each one allowed."""
+    if not isinstance(given, Iterable):
+        raise ValueError(f"{name} must be names out of {', '.join(allowed)}, got {given!r}")
     given = (given,) if isinstance(given, str) else tuple(given)
     unknown = [g for g in given if g not in allowed]
     if unknown:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from sigmapoint import checks
 from sigmapoint.belief import Belief, Split, covariance
-from sigmapoint.blackbox import guarded
+from sigmapoint.blackbox import unwrapped
 from sigmapoint.carry import Functions, Points
 from sigmapoint.iterate import relinearized
 from sigmapoint.linalg import solve_lower
@@ -28,7 +28,16 @@ LOG_2PI = 1.8378770664093453
 
 
 class FilterState(NamedTuple):
-    """What a filter knows at instant `step`: a belief, and the points that stand for it where a method carries them."""
+    """What a filter knows at instant `step`: a belief, and the points that stand for it where a method carries them.
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x[:1], jnp.eye(2), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(2), jnp.eye(2)))
+        >>> state = sp.online(model).init()
+        >>> state.mean.shape, state.cov.shape, state.std.shape, int(state.step)
+        ((2,), (2, 2), (2,), 0)
+    """
 
     belief: Belief
     points: Points
@@ -36,24 +45,41 @@ class FilterState(NamedTuple):
 
     @property
     def mean(self) -> Float[Array, " d"]:
+        """Mean of the state, in its units."""
         return self.belief.mean
 
     @property
     def cov(self) -> Float[Array, "n n"]:
+        """Covariance of the state, in products of its units."""
         return self.belief.cov
 
     @property
     def std(self) -> Float[Array, " n"]:
+        """Standard deviations of the state's elements, in their units."""
         return self.belief.std
 
 
 class Info(NamedTuple):
-    """What an update saw: NaN in `innovation` where nothing was measured; `nis` counts what was."""
+    """What an update saw, all of it by the prediction made before.
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> live = sp.online(model)
+        >>> _, info = live.update(live.init(), [2.0])
+        >>> float(info.innovation[0]), float(info.innovation_cov[0, 0]), round(float(info.nis), 6)
+        (2.0, 2.0, 2.0)
+    """
 
     innovation: Float[Array, " m"]
+    """Measured minus predicted, in the units of the measurement; NaN where nothing was measured."""
     innovation_cov: Float[Array, "m m"]
+    """Its covariance as predicted, in products of these units, also where nothing was measured."""
     nis: Float[Array, ""]
+    """Normalised innovation squared [1], over the elements measured: their number on average if the model is right."""
     log_likelihood: Float[Array, ""]
+    """Natural logarithm of the predicted density of what was measured (a density in the inverse units of `y`)."""
 
 
 class Filter(NamedTuple):
@@ -154,7 +180,7 @@ def filter(
     """
     y, u, method = prepared(model, y, u, method)
     keep = checks.selection("keep", keep, FIELDS)
-    kept = guarded(_filter, model, y, u, method, keep)
+    kept = unwrapped(_filter, model, y, u, method, keep)
     return Posterior.of(model, y, u, kept)
 
 

@@ -15,6 +15,7 @@ Those with `sr` before the name carry a square root of the covariance in place o
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from sigmapoint import checks
 from sigmapoint.belief import Belief, Dense, SquareRoot
@@ -30,7 +31,19 @@ from sigmapoint.rules.unscented import Julier, Unscented
 
 @dataclass(frozen=True)
 class Method:
-    """A Gaussian filter: `rule` × `belief`, how points are carried from f to h, and how often an update is iterated."""
+    """A Gaussian filter: `rule` × `belief`, how points are carried from f to h, and how often an update is iterated.
+
+    Args:
+        rule: how functions are linearised.
+        belief: what is carried from step to step, a covariance or a square root of it.
+        carry: what h gets to see, new points or those of f.
+        iterations: number of passes of an update; 1 is the plain filter.
+
+    Examples:
+        >>> import sigmapoint as sp
+        >>> sp.srcdkf().belief.__name__
+        'SquareRoot'
+    """
 
     rule: Rule
     belief: type[Belief]
@@ -38,8 +51,20 @@ class Method:
     iterations: int = 1
 
 
+def _numbers(**settings: Any) -> dict[str, float]:
+    return {name: checks.number(name, value) for name, value in settings.items()}
+
+
 def ekf() -> Method:
-    """Extended Kalman filter: first-order Taylor (Wan & van der Merwe 2001, Table 7.2.1)."""
+    """Extended Kalman filter: first-order Taylor (Wan & van der Merwe 2001, Table 7.2.1).
+
+    Derivatives are taken by JAX, or are the model's own (`dynamics_jacobian`, `observation_jacobian`).
+
+    Examples:
+        >>> import sigmapoint as sp
+        >>> sp.ekf().rule
+        Taylor()
+    """
     return Method(Taylor(), Dense)
 
 
@@ -64,7 +89,7 @@ def ukf(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> Method:
         >>> sp.ukf(alpha=1e-3).rule.kappa
         0.0
     """
-    return Method(Unscented(float(alpha), float(beta), float(kappa)), Dense)
+    return Method(Unscented(**_numbers(alpha=alpha, beta=beta, kappa=kappa)), Dense)
 
 
 def srukf(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> Method:
@@ -86,7 +111,7 @@ def julier_ukf(w0: float = 1 / 3) -> Method:
         >>> sp.julier_ukf(0.5).rule
         Julier(w0=0.5)
     """
-    return Method(Julier(float(w0)), Dense)
+    return Method(Julier(**_numbers(w0=w0)), Dense)
 
 
 def srjulier_ukf(w0: float = 1 / 3) -> Method:
@@ -110,7 +135,7 @@ def simplex_ukf(alpha: float = 1.0, beta: float = 1.0, w0: float = 0.0) -> Metho
         >>> sp.simplex_ukf().rule
         Simplex(alpha=1.0, beta=1.0, w0=0.0)
     """
-    return Method(Simplex(float(alpha), float(beta), float(w0)), Dense)
+    return Method(Simplex(**_numbers(alpha=alpha, beta=beta, w0=w0)), Dense)
 
 
 def srsimplex_ukf(alpha: float = 1.0, beta: float = 1.0, w0: float = 0.0) -> Method:
@@ -132,7 +157,7 @@ def cdkf(h: float = 3**0.5) -> Method:
         >>> sp.cdkf().rule
         CentralDifference(h=1.7320508075688772)
     """
-    return Method(CentralDifference(float(h)), Dense)
+    return Method(CentralDifference(**_numbers(h=h)), Dense)
 
 
 def srcdkf(h: float = 3**0.5) -> Method:
@@ -164,12 +189,12 @@ def ghkf(order: int = 3) -> Method:
         >>> sp.ghkf(5).rule
         GaussHermite(order=5)
     """
-    return Method(GaussHermite(order), Dense)
+    return Method(GaussHermite(checks.whole("order", order, 2)), Dense)
 
 
 def srghkf(order: int = 3) -> Method:
     """Square-root Gauss-Hermite Kalman filter."""
-    return Method(GaussHermite(order), SquareRoot)
+    return Method(GaussHermite(checks.whole("order", order, 2)), SquareRoot)
 
 
 METHODS: dict[str, Callable[..., Method]] = {
@@ -193,9 +218,18 @@ def iterated(method: Method, iterations: int = 3) -> Method:
         method: any method that redraws its points.
         iterations: number of passes; 1 is the plain filter.
 
+    Returns:
+        The method, with that number of passes.
+
     Raises:
-        ValueError: fewer than one pass, or a method that carries points.
+        ValueError: not a method, fewer than one pass, or a method that carries points.
+
+    Examples:
+        >>> import sigmapoint as sp
+        >>> sp.iterated(sp.srcdkf(), 5).iterations
+        5
     """
+    checks.instance("method", method, Method)
     iterations = checks.whole("iterations", iterations, 1)
     if iterations > 1 and not isinstance(method.carry, Redraw):
         raise ValueError("iterated: a method that carries one point set through f and h cannot draw a new one for h")
@@ -210,8 +244,11 @@ def augmented(method: Method) -> Method:
     Args:
         method: any method that is not iterated.
 
+    Returns:
+        The method, with its points carried from f to h.
+
     Raises:
-        ValueError: an iterated method.
+        ValueError: not a method, or an iterated one.
 
     Examples:
         >>> import sigmapoint as sp
@@ -222,11 +259,30 @@ def augmented(method: Method) -> Method:
 
 
 def extended_set(method: Method) -> Method:
-    """The propagated points, extended by points for the process noise, go on through h (footnote 6 to Table 7.3.2)."""
+    """The propagated points, extended by points for the process noise, go on through h.
+
+    Wan & van der Merwe (2001), footnote 6 to Table 7.3.2: no second set is drawn, so odd moments that f has given the
+    points reach h. For `ekf` nothing changes: a derivative at the mean has no points to carry.
+
+    Args:
+        method: any method that is not iterated.
+
+    Returns:
+        The method, with its points carried from f to h.
+
+    Raises:
+        ValueError: not a method, or an iterated one.
+
+    Examples:
+        >>> import sigmapoint as sp
+        >>> sp.extended_set(sp.ukf()).carry
+        ExtendedSet()
+    """
     return _carrying(method, ExtendedSet())
 
 
 def _carrying(method: Method, carry: Carry) -> Method:
+    checks.instance("method", method, Method)
     if method.iterations > 1:
         raise ValueError("an iterated method draws new points for h; it cannot carry those of f")
     return replace(method, carry=carry) if isinstance(method.rule, SigmaPointRule) else method

@@ -51,8 +51,8 @@ class StateSpaceModel(eqx.Module):
         (50, 2)
     """
 
-    dynamics: Callable
-    observation: Callable
+    dynamics: Callable[..., Any]
+    observation: Callable[..., Any]
     process_noise: Additive | NonAdditive
     observation_noise: Additive | NonAdditive
     initial: Gaussian
@@ -65,16 +65,16 @@ class StateSpaceModel(eqx.Module):
 
     def __init__(
         self,
-        dynamics: Callable,
-        observation: Callable,
+        dynamics: Callable[..., Any],
+        observation: Callable[..., Any],
         process_noise: Any,
         observation_noise: Any,
         initial: Gaussian,
         *,
         state_space: Space | None = None,
         observation_space: Space | None = None,
-        dynamics_jacobian: Callable | None = None,
-        observation_jacobian: Callable | None = None,
+        dynamics_jacobian: Callable[..., Any] | None = None,
+        observation_jacobian: Callable[..., Any] | None = None,
         state_names: tuple[str, ...] | None = None,
         state_units: tuple[str, ...] | None = None,
         observation_names: tuple[str, ...] | None = None,
@@ -101,7 +101,7 @@ class StateSpaceModel(eqx.Module):
         self.observation_units = checks.names("observation_units", observation_units, distinct=False)
 
 
-def with_jacobian(name: str, function: Callable, jacobian: Callable | None) -> Callable:
+def with_jacobian(name: str, function: Callable[..., Any], jacobian: Callable[..., Any] | None) -> Callable[..., Any]:
     """`function(x, ...)` whose derivative in `x` is `jacobian(x, u)`, where given; its other derivatives are kept."""
     if jacobian is None:
         return function

@@ -18,7 +18,11 @@ from sigmapoint.spaces import Space
 
 
 class Gaussian(eqx.Module):
-    """A Gaussian: `mean` (n,) and `cov` (n, n), symmetric and positive semi-definite.
+    """A Gaussian, as the initial belief or as a noise.
+
+    Args:
+        mean: (n,), in the units of the state.
+        cov: covariance (n, n), symmetric and positive semi-definite, in products of these units.
 
     Raises:
         ValueError: a shape that does not fit, a covariance that is not symmetric or not positive semi-definite, NaN.
@@ -53,11 +57,11 @@ class Entry(NamedTuple):
 class Noise(Protocol):
     """A noise at one instant, as the filters see it."""
 
-    def within(self, f: Callable, space: Space) -> Entry:
+    def within(self, f: Callable[..., Any], space: Space) -> Entry:
         """`f` with as little noise in the points as possible."""
         ...
 
-    def through(self, f: Callable, space: Space) -> Entry:
+    def through(self, f: Callable[..., Any], space: Space) -> Entry:
         """`f` with all of the noise in the points."""
         ...
 
@@ -68,10 +72,10 @@ class AdditiveNoise(NamedTuple):
     mean: Float[Array, " q"]
     spread: Spread
 
-    def within(self, f: Callable, space: Space) -> Entry:
+    def within(self, f: Callable[..., Any], space: Space) -> Entry:
         return Entry(0, lambda x, u, xi: space.retract(f(x, u), self.mean), self.spread)
 
-    def through(self, f: Callable, space: Space) -> Entry:
+    def through(self, f: Callable[..., Any], space: Space) -> Entry:
         def call(x: Array, u: Any, xi: Array) -> Array:
             return space.retract(f(x, u), self.mean + self.spread.factor @ xi)
 
@@ -84,15 +88,30 @@ class StackedNoise(NamedTuple):
     mean: Float[Array, " q"]
     spread: Spread
 
-    def within(self, f: Callable, space: Space) -> Entry:
+    def within(self, f: Callable[..., Any], space: Space) -> Entry:
         return self.through(f, space)
 
-    def through(self, f: Callable, space: Space) -> Entry:
+    def through(self, f: Callable[..., Any], space: Space) -> Entry:
         return Entry(self.mean.shape[0], lambda x, u, xi: f(x, u, self.mean + self.spread.factor @ xi), None)
 
 
 class Additive(eqx.Module):
-    """Noise added to a function's value: covariance (q, q), or (T, q, q) with one for each instant, and a mean."""
+    """Noise added to a function's value: `f(x, u) + w`. A covariance given in its place means this.
+
+    Args:
+        cov: covariance (q, q), or (T, q, q) with one for each instant, in squared units of the value; a `Gaussian`
+            gives its mean along with it.
+        mean: (q,) or (T, q), in units of the value; zero where not given.
+
+    Raises:
+        ValueError: a covariance that is not symmetric or not positive semi-definite, a mean of another size, NaN.
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> biased = sp.Additive(0.01 * jnp.eye(2), mean=jnp.array([0.1, 0.0]))
+        >>> biased.cov.shape, biased.mean.shape
+        ((2, 2), (2,))
+    """
 
     mean: Float[Array, "*T q"]
     cov: Float[Array, "*T q q"]
@@ -115,8 +134,11 @@ class NonAdditive(eqx.Module):
     """Noise as a third argument, `f(x, u, w)`: covariance (q, q), or (T, q, q) with one for each instant, and a mean.
 
     Args:
-        cov: covariance of the noise; its size q is that of the argument `w`.
+        cov: covariance of the noise; its size q is that of the argument `w`. A `Gaussian` gives its mean along with it.
         mean: its mean (q,) or (T, q); zero where not given.
+
+    Raises:
+        ValueError: a covariance that is not symmetric or not positive semi-definite, a mean of another size, NaN.
 
     Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
-from sigmapoint.blackbox import guarded
+from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import Filter
 from sigmapoint.methods import ekf
 from sigmapoint.model import StateSpaceModel
@@ -43,7 +43,7 @@ def simulate(
     T = checks.whole("T", T, 1)
     u = checks.inputs(u, T, model.initial.mean.dtype)
     checks.long_enough(T, process_noise=model.process_noise, observation_noise=model.observation_noise)
-    return guarded(_simulate, model, T, checks.key("key", key), u)
+    return unwrapped(_simulate, model, T, checks.key("key", key), u)
 
 
 @eqx.filter_jit

@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 from sigmapoint import checks
 from sigmapoint.belief import Belief
-from sigmapoint.blackbox import guarded
+from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import Filter, FilterState, fields, prepared, scan
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
@@ -87,7 +87,7 @@ def smooth(
         A `Posterior` whose `mean`, `cov`, `std` are smoothed; innovations, NIS and likelihood are those of the filter.
 
     Raises:
-        ValueError: as `filter`.
+        ValueError: as `filter`; a smoother that is none.
 
     Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
@@ -99,9 +99,9 @@ def smooth(
     """
     y, u, method = prepared(model, y, u, method)
     smoother = rts() if smoother is None else smoother
-    checks.instance("smoother", smoother, RTS)
+    checks.instance("smoother", smoother, RTS, "sp.rts()")
     keep = checks.selection("keep", keep, FIELDS)
-    kept = guarded(_smooth, model, y, u, method, smoother, keep)
+    kept = unwrapped(_smooth, model, y, u, method, smoother, keep)
     return Posterior.of(model, y, u, kept)
 
 

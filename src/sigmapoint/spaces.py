@@ -4,6 +4,7 @@ Angles and other manifolds enter the filters only here: `residual(a, b)` is the 
 `retract(m, d)` moves the point `m` by such a vector, so that `retract(b, residual(a, b)) = a`.
 """
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -81,7 +82,7 @@ def angles(*indices: int, period: float = 2 * jnp.pi) -> Angles:
         period: a full turn, in the unit of the element: 2π for radians (default), 360 for degrees.
 
     Raises:
-        ValueError: no indices, or a period that is not positive.
+        ValueError: no indices, one that is no whole number, or a period that is not positive.
 
     Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
@@ -91,9 +92,13 @@ def angles(*indices: int, period: float = 2 * jnp.pi) -> Angles:
     """
     if not indices:
         raise ValueError("angles: name at least one element, e.g. sp.angles(0)")
+    try:
+        positions = tuple(operator.index(i) for i in indices)
+    except TypeError as error:
+        raise ValueError(f"angles: positions must be whole numbers, got {indices}") from error
     if not period > 0:
         raise ValueError(f"period, a full turn, must be positive, got {period}")
-    return Angles(tuple(int(i) for i in indices), float(period))
+    return Angles(positions, float(period))
 
 
 def same_elements(space: Space) -> bool:

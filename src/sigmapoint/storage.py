@@ -20,7 +20,7 @@ Tree = TypeVar("Tree")
 _PATHS = "paths"
 
 
-def save(path: str | os.PathLike, tree: Any) -> None:
+def save(path: str | os.PathLike[str], tree: Any) -> None:
     """Write the arrays of `tree` (an online state, a posterior, any pytree of arrays) to `path`.
 
     Args:
@@ -48,7 +48,7 @@ def save(path: str | os.PathLike, tree: Any) -> None:
     write_atomically(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
 
 
-def load(path: str | os.PathLike, like: Tree) -> Tree:
+def load(path: str | os.PathLike[str], like: Tree) -> Tree:
     """Read what `save` wrote, in the structure of `like`.
 
     Args:
@@ -93,7 +93,7 @@ def load(path: str | os.PathLike, like: Tree) -> Tree:
     return jax.tree_util.tree_unflatten(structure, restored)
 
 
-def write_atomically(path: str | os.PathLike, write: Callable[[IO[bytes]], Any]) -> None:
+def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], Any]) -> None:
     """Call `write` on a temporary file beside `path`, and rename it there when all is on disk."""
     path = Path(path)
     if not path.parent.is_dir():

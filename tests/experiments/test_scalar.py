@@ -136,6 +136,11 @@ def test_runs_that_are_lost_are_counted(series):
     assert {r.runs for r in rows if r.quantity.startswith("RMSE")} == {len(x) - 1}
 
 
+def test_a_quantity_and_a_method_name_one_row(quick):
+    _, rows = quick
+    assert len({(row["quantity"], row["method"]) for row in rows}) == len(rows)
+
+
 def test_what_is_written_can_be_read(quick):
     out, rows = quick
     read = json.loads((out / "results.json").read_text())

@@ -119,6 +119,11 @@ def test_sampled_covariances_are_those_of_the_inputs():
     np.testing.assert_allclose(found.cross, case.factor @ case.factor.T, atol=0.1)
 
 
+def test_a_quantity_and_a_method_name_one_row(quick):
+    _, rows = quick
+    assert len({(row["quantity"], row["method"]) for row in rows}) == len(rows)
+
+
 def test_what_is_written_can_be_read(quick):
     out, rows = quick
     assert json.loads((out / "results.json").read_text()) == rows

@@ -1,21 +1,19 @@
-"""The table of methods that every law is held against: a new method is one line here."""
+"""The table of methods that every law is held against: `METHODS` of the library, and other settings of some of them."""
 
 import sigmapoint as sp
+from sigmapoint.methods import METHODS as BY_NAME
 
-PAIRS = {
-    "ekf": (sp.ekf(), sp.srekf()),
-    "ukf": (sp.ukf(), sp.srukf()),
+OTHER_SETTINGS = {
     "ukf(1e-3)": (sp.ukf(alpha=1e-3), sp.srukf(alpha=1e-3)),
     "ukf(1,0,2)": (sp.ukf(1.0, 0.0, 2.0), sp.srukf(1.0, 0.0, 2.0)),
-    "julier": (sp.julier_ukf(), sp.srjulier_ukf()),
-    "simplex": (sp.simplex_ukf(), sp.srsimplex_ukf()),
-    "simplex(n+2)": (sp.simplex_ukf(w0=0.3), sp.srsimplex_ukf(w0=0.3)),
-    "cdkf": (sp.cdkf(), sp.srcdkf()),
-    "ckf": (sp.ckf(), sp.srckf()),
-    "ghkf": (sp.ghkf(), sp.srghkf()),
+    "simplex_ukf(n+2)": (sp.simplex_ukf(w0=0.3), sp.srsimplex_ukf(w0=0.3)),
     "extended set": (sp.extended_set(sp.ukf()), sp.extended_set(sp.srukf())),
     "augmented": (sp.augmented(sp.cdkf()), sp.augmented(sp.srcdkf())),
 }
+PAIRS = {
+    name: (make(), BY_NAME[f"sr{name}"]()) for name, make in BY_NAME.items() if not name.startswith("sr")
+} | OTHER_SETTINGS
+"""Dense and square-root form of every method."""
 DENSE = {name: pair[0] for name, pair in PAIRS.items()}
 SQUARE_ROOT = {f"sr {name}": pair[1] for name, pair in PAIRS.items()}
 METHODS = DENSE | SQUARE_ROOT

@@ -22,8 +22,8 @@ def test_online_is_filter(name):
     for k in range(20):
         state, info = live.update(state, Y[k])
         np.testing.assert_allclose(state.mean, whole.mean[k], rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(state.cov, whole.cov[k], rtol=1e-10, atol=1e-12)
-        np.testing.assert_allclose(info.nis, whole.nis[k], rtol=1e-10)
+        np.testing.assert_allclose(state.cov, whole.cov[k], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(info.nis, whole.nis[k], rtol=1e-12, atol=1e-12)
         state = live.predict(state)
 
 

@@ -42,7 +42,7 @@ def test_every_method_is_the_kalman_filter_and_smoother(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "iterations"), [("ekf", 2), ("sr ekf", 5), ("ukf", 3), ("sr cdkf", 4), ("sr simplex", 2)]
+    ("name", "iterations"), [("ekf", 2), ("sr ekf", 5), ("ukf", 3), ("sr cdkf", 4), ("sr simplex_ukf", 2)]
 )
 def test_iterating_an_update_counts_the_measurement_once(name, iterations):
     _check(name, 3, iterations)

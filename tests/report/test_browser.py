@@ -1,11 +1,14 @@
-"""The page in a browser: no error, every figure drawn, nothing wider than the screen."""
+"""The page in a browser: no error, every figure drawn, nothing wider than the screen, hover and zoom at work."""
 
+import json
 import re
 import shutil
 import subprocess
+from html import unescape
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import sigmapoint as sp
@@ -15,16 +18,37 @@ CHROMIUM = shutil.which("chromium")
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
     *("--disable-background-networking", "--disable-component-update", "--enable-logging=stderr"),
-    *("--virtual-time-budget=8000", "--dump-dom"),
+    *("--virtual-time-budget=12000", "--dump-dom"),
 )
-SHELL = """<iframe id="f" style="width:{width}px;height:900px;border:0"></iframe><pre id="out"></pre><script>
-const f = document.getElementById("f");
-setTimeout(() => {{
+# Drives the page as a hand would: the mouse over the middle of a figure, then a box drawn in it from left to right.
+SHELL = """<iframe id="f" style="width:WIDTHpx;height:900px;border:0"></iframe><pre id="out"></pre><script>
+const f = document.getElementById("f"), out = document.getElementById("out");
+const pause = (ms) => new Promise((go) => setTimeout(go, ms));
+async function seen() {
+  await pause(6000);
   const d = f.contentDocument, count = (what) => d.querySelectorAll(what).length;
-  const seen = [count(".graph"), count(".graph:has(svg.main-svg .trace)"), d.documentElement.scrollWidth];
-  document.getElementById("out").textContent = seen.join(" ");
-}}, 6000);
-f.src = "{page}";
+  const counts = { graphs: count(".graph"), drawn: count(".graph:has(svg.main-svg .trace)") };
+  const [first, second] = Array.from(d.querySelectorAll(".graph")).filter((g) => g.layout.meta && g.layout.meta.series);
+  const area = first.querySelector(".nsewdrag");
+  area.scrollIntoView({ block: "center" });
+  const box = area.getBoundingClientRect();
+  const mouse = (what, type, part) => what.dispatchEvent(new f.contentWindow.MouseEvent(type, {
+    bubbles: true, clientX: box.x + part * box.width, clientY: box.y + box.height / 2,
+  }));
+  mouse(area, "mousemove", 0.5);
+  await pause(500);
+  const hover = first.querySelector(".hoverlayer").textContent;
+  const before = [first, second].map((g) => g.layout.xaxis.range.slice());
+  mouse(area, "mousedown", 0.25);
+  for (const part of [0.3, 0.4, 0.5]) mouse(d, "mousemove", part);
+  mouse(d, "mouseup", 0.5);
+  await pause(1500);
+  const after = [first, second].map((g) => g.layout.xaxis.range.slice());
+  return { ...counts, wide: d.documentElement.scrollWidth, hover, before, after };
+}
+f.onload = () => seen().then((found) => { out.textContent = JSON.stringify(found); },
+                             (error) => { console.error(error); });
+f.src = "PAGE";
 </script>"""
 
 
@@ -42,11 +66,11 @@ def page(tmp_path_factory):
     return report(sp.filter(model, y), tmp_path_factory.mktemp("page") / "report.html", truth=x, title="A <b>title</b>")
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+@pytest.mark.skipif(CHROMIUM is None, reason="needs the browser chromium, which is not on this machine")
 @pytest.mark.parametrize("width", [1280, 390])
-def test_every_figure_is_drawn_without_an_error(page, width, tmp_path):
+def test_every_figure_is_drawn_says_its_values_and_zooms_with_the_others(page, width, tmp_path):
     shell = tmp_path / "shell.html"  # a frame of exactly this width: windows have a least width
-    shell.write_text(SHELL.format(width=width, page=page.as_uri()))
+    shell.write_text(SHELL.replace("WIDTH", str(width)).replace("PAGE", page.as_uri()))
     extra = (
         f"--user-data-dir={tmp_path / 'profile'}",
         "--allow-file-access-from-files",
@@ -56,8 +80,15 @@ def test_every_figure_is_drawn_without_an_error(page, width, tmp_path):
         [str(CHROMIUM), *FLAGS, *extra, shell.as_uri()], capture_output=True, text=True, timeout=120, check=True
     )
     assert not re.findall(r".*(?:CONSOLE|Uncaught|Refused).*", done.stderr)
-    counts = re.search(r'<pre id="out">(\d+) (\d+) (\d+)</pre>', done.stdout)
-    assert counts, done.stdout[-500:]
-    graphs, drawn, wide = (int(c) for c in counts.groups())
-    assert graphs == drawn > 0
-    assert wide <= width
+    found = re.search(r'<pre id="out">(.+)</pre>', done.stdout)
+    assert found, done.stdout[-500:]
+    seen = json.loads(unescape(found[1]))
+    assert seen["graphs"] == seen["drawn"] > 0
+    assert seen["wide"] <= width
+    assert re.match(r"2,[45]\d\d", seen["hover"])  # the middle of 5,000 samples
+    assert "estimate" in seen["hover"]
+    (whole, other), (zoomed, followed) = seen["before"], seen["after"]
+    assert whole == other
+    span = whole[1] - whole[0]
+    np.testing.assert_allclose(zoomed, [whole[0] + span / 4, whole[0] + span / 2], atol=0.02 * span)
+    assert followed == zoomed

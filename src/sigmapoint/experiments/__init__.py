@@ -7,9 +7,9 @@ in `EXPERIMENTS`.
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-Run = Callable[[int | None, int, Path, bool], list[dict]]
+Run = Callable[[int | None, int, Path, bool], list[dict[str, Any]]]
 
 
 class Experiment(NamedTuple):
@@ -29,7 +29,7 @@ class Experiment(NamedTuple):
 
 
 def _lazily(module: str) -> Run:
-    def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict]:
+    def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, Any]]:
         if runs is not None and runs < 2:
             raise ValueError(f"runs must be at least 2, to show a spread; got {runs}")
         return import_module(f"sigmapoint.experiments.{module}").run(runs, seed, Path(out), quick)

@@ -13,7 +13,7 @@ from html import escape
 from io import BytesIO
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -60,7 +60,7 @@ def mean_of(samples: np.ndarray) -> Mean:
 
 def publish(
     out: Path, title: str, findings: Sequence[str], rows: Sequence[Row], pictures: Sequence[Picture]
-) -> list[dict]:
+) -> list[dict[str, Any]]:
     """Write results, figures and page into the folder `out` (made if need be); returns the rows as written.
 
     Args:
@@ -82,7 +82,7 @@ def publish(
     return records
 
 
-def _record(row: Row) -> dict:
+def _record(row: Row) -> dict[str, Any]:
     return {name: _finite(value) for name, value in row._asdict().items()}
 
 

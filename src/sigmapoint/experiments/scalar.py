@@ -13,7 +13,7 @@ once. From then on x̂ and z belong to the same state, which is row k of `xstore
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -59,7 +59,7 @@ Belief = tuple[np.ndarray, np.ndarray]
 """Means and standard deviations, each (runs, T)."""
 
 
-def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict]:
+def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, Any]]:
     """Run the experiment; see `Experiment.run`."""
     with jax.enable_x64(True):
         x, z = series(runs or (QUICK_RUNS if quick else RUNS), seed)
@@ -144,17 +144,20 @@ def differences(paired: dict[str, tuple[Mean, Mean]]) -> list[Row]:
 
 def timing(x: np.ndarray, late: dict[str, Belief], right: dict[str, Belief]) -> list[Row]:
     """What the notes' early prediction, and reading the row stored beside x̂, do to the numbers."""
-    cases: list[tuple[str, str, Scores]] = []
-    for name, (mean, std) in late.items():
-        cases += [
-            (name, "corrected: the first measurement comes before the first prediction", score(x, *right[name])),
-            (name, "as printed: one prediction too many before the first measurement", score(x, mean, std)),
-            (name, "as printed, x̂ compared with xstore(k+1) stored beside it, one state too late",
-             score(x[:, 1:], mean[:, :-1], std[:, :-1])),
-        ]  # fmt: skip
-    rmse = [_row("timing of the notes' code: RMSE", name, mean_of(s.rmse), note) for name, note, s in cases]
-    within = [_row(f"timing of the notes' code: {BOUNDS}", name, mean_of(s.within), note) for name, note, s in cases]
-    return rmse + within
+    late_scores = {name: score(x, *belief) for name, belief in late.items()}
+    beside = {name: score(x[:, 1:], mean[:, :-1], std[:, :-1]) for name, (mean, std) in late.items()}
+    cases = {
+        "corrected": ({name: score(x, *right[name]) for name in late}, "the first measurement before any prediction"),
+        "as printed": (late_scores, "one prediction too many before the first measurement"),
+        "as printed, one state late": (beside, "x̂ compared with xstore(k+1), which is stored beside it"),
+    }
+    quantities: dict[str, Callable[[Scores], np.ndarray]] = {"RMSE": lambda s: s.rmse, BOUNDS: lambda s: s.within}
+    return [
+        _row(f"notes' timing, {case}: {quantity}", name, mean_of(of(s)), note)
+        for quantity, of in quantities.items()
+        for case, (scores, note) in cases.items()
+        for name, s in scores.items()
+    ]
 
 
 def claims(paired: dict[str, tuple[Mean, Mean]]) -> Sequence[str]:

@@ -14,6 +14,7 @@ one dimension (not in two) makes it σ⁶; p-point Gauss-Hermite rules reach σ�
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -54,7 +55,7 @@ CURVE, PLANES = "exp x", ("polar to Cartesian", "mixed, correlated")
 NARROWED = ("sin x", "exp x", "mixed, correlated")
 
 
-def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict]:
+def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, Any]]:
     """Run the experiment; see `Experiment.run`. `runs` is the number of Monte-Carlo draws."""
     draws = runs or (QUICK_DRAWS if quick else DRAWS)
     with jax.enable_x64(True):
