@@ -19,7 +19,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint.belief import Belief, Spread
+from sigmapoint.belief import Belief
+from sigmapoint.conditioning import Joint
 from sigmapoint.noise import Entry, Noise
 from sigmapoint.rules.linearization import Linearization, Rule
 from sigmapoint.spaces import Space
@@ -28,20 +29,12 @@ from sigmapoint.spaces import Space
 class Functions(NamedTuple):
     """The model at one instant, as a step sees it."""
 
-    f: Callable
-    h: Callable
+    f: Callable[..., Array]
+    h: Callable[..., Array]
     process: Noise
     observation: Noise
     state_space: Space
     observation_space: Space
-
-
-class Joint(NamedTuple):
-    """A function's value and the state it was taken at, over the same ξ, and the additive noise still to come."""
-
-    value: Linearization
-    state: Linearization
-    noise: Spread | None
 
 
 Points = Float[Array, "p d"] | None
@@ -102,7 +95,7 @@ class ExtendedSet:
         at = whitened(belief, fs.state_space)
         points = jnp.asarray(rule.constants(N).points, belief.mean.dtype)
         values = jax.vmap(lambda xi: entry.call(at(xi[:n]), u, xi[n : n + entry.size]))(points)
-        state = Linearization(belief.mean, _columns(belief.factor, N), jnp.zeros((n, 0), values.dtype))
+        state = known(belief, N)
         return Joint(rule.combine(values, N, fs.state_space), state, None), values
 
     def measurement(self, rule: Any, belief: Belief, points: Points, fs: Functions, u: Any) -> Joint:
@@ -127,8 +120,7 @@ def stacked(rule: Rule, belief: Belief, entry: Entry, u: Any, inside: Space, out
     at = whitened(belief, inside)
     origin = jnp.zeros(N, belief.mean.dtype)
     value = rule(lambda xi: entry.call(at(xi[:n]), u, xi[n:]), origin, outside)
-    state = Linearization(belief.mean, _columns(belief.factor, N), jnp.zeros((n, 0), origin.dtype))
-    return Joint(value, state, entry.rest)
+    return Joint(value, known(belief, N), entry.rest)
 
 
 def whitened(belief: Belief, space: Space) -> Callable[[Array], Array]:
@@ -137,5 +129,8 @@ def whitened(belief: Belief, space: Space) -> Callable[[Array], Array]:
     return lambda xi: space.retract(mean, factor @ xi)
 
 
-def _columns(factor: Array, N: int) -> Array:
-    return jnp.pad(factor, ((0, 0), (0, N - factor.shape[0])))
+def known(belief: Belief, N: int) -> Linearization:
+    """The state itself, over the N coordinates of the points."""
+    n = belief.factor.shape[0]
+    slope = jnp.pad(belief.factor, ((0, 0), (0, N - n)))
+    return Linearization(belief.mean, slope, slope[:, :0], jnp.zeros(n, slope.dtype))

@@ -13,11 +13,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from sigmapoint import checks
-from sigmapoint.belief import Belief, Split, covariance
+from sigmapoint.belief import Belief, covariance
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.carry import Functions, Points
+from sigmapoint.conditioning import Conditioned, condition
 from sigmapoint.iterate import relinearized
-from sigmapoint.linalg import solve_lower
 from sigmapoint.methods import Method, srcdkf
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import NoiseSeries
@@ -132,14 +132,14 @@ class Filter(NamedTuple):
         joint = self.method.carry.measurement(self.method.rule, belief, state.points, fs, u)
         y_known = jnp.where(jnp.isnan(y), joint.value.mean, y)
         innovation = jnp.where(active, fs.observation_space.residual(y_known, joint.value.mean), 0.0)
-        split = type(belief).split(joint.value, joint.state, joint.noise, active)
-        info = _info(split, innovation, covariance(joint.value, joint.noise), active)
+        given = condition(joint, innovation[:, None], active)
+        info = _info(given, innovation, covariance(joint.value, joint.noise), active)
         if self.method.iterations > 1:
             passes = self.method.iterations - 1
             joint, innovation = relinearized(self.method.rule, passes, joint, belief, fs, y, u, active)
-            split = type(belief).split(joint.value, joint.state, joint.noise, active)
-        mean = fs.state_space.retract(joint.state.mean, split.gain(innovation))
-        return self._state(type(belief).assemble(mean, split.remainder), state.step), info
+            given = condition(joint, innovation[:, None], active)
+        mean = fs.state_space.retract(joint.state.mean, given.step[:, 0])
+        return self._state(type(belief).from_root(mean, given.root), state.step), info
 
     def _state(self, belief: Belief, step: Array) -> FilterState:
         points = self.method.carry.draw(self.method.rule, belief, self.functions(step))
@@ -217,7 +217,7 @@ def _filter(model: StateSpaceModel, y: Array, u: Any, method: Method, keep: tupl
     return {**kept, "log_likelihood": log_likelihood}
 
 
-def scan(run: Filter, y: Array, u: Any, out: Callable) -> tuple[Any, Float[Array, ""]]:
+def scan(run: Filter, y: Array, u: Any, out: Callable[[FilterState, Info], Any]) -> tuple[Any, Float[Array, ""]]:
     """Update and predict over a series: what `out(state, info)` keeps of each instant, and the log-likelihood."""
 
     def step(carry: tuple[FilterState, Array], row: tuple[Array, Any]) -> tuple[tuple[FilterState, Array], Any]:
@@ -241,10 +241,8 @@ def _measured(y: Array, size: int) -> Bool[Array, " m"]:
     return ~missing if y.shape[0] == size else jnp.broadcast_to(~missing.any(), (size,))
 
 
-def _info(split: Split, innovation: Array, cov: Array, active: Array) -> Info:
-    white = solve_lower(split.factor, jnp.where(split.informative, innovation, 0.0))
-    nis = white @ white
-    pivots = jnp.where(split.informative, jnp.diagonal(split.factor), 1.0)
-    count = jnp.sum(split.informative, dtype=nis.dtype)
-    log_density = -0.5 * (nis + count * LOG_2PI) - jnp.sum(jnp.log(pivots))
+def _info(given: Conditioned, innovation: Array, cov: Array, active: Array) -> Info:
+    nis = given.white @ given.white
+    count = jnp.sum(given.informative, dtype=nis.dtype)
+    log_density = -0.5 * (nis + count * LOG_2PI + jnp.sum(jnp.log(given.variance)))
     return Info(jnp.where(active, innovation, jnp.nan), cov, nis, log_density)

@@ -13,7 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from sigmapoint.belief import Belief
-from sigmapoint.carry import Functions, Joint, whitened
+from sigmapoint.carry import Functions, whitened
+from sigmapoint.conditioning import Joint, condition
 from sigmapoint.rules.linearization import Linearization, Rule
 
 
@@ -32,16 +33,16 @@ def relinearized(
     n, N = belief.factor.shape[0], first.value.slope.shape[1]
     entry = fs.observation.within(fs.h, fs.observation_space)
     at = whitened(belief, fs.state_space)
-    form = type(belief)
 
     def g(xi: Array) -> Array:
         return entry.call(at(xi[:n]), u, xi[n:])
 
-    identity = Linearization(jnp.zeros(N, y.dtype), jnp.eye(N, dtype=y.dtype), jnp.zeros((N, 0), y.dtype))
+    origin = jnp.zeros(N, y.dtype)
+    coordinates = Linearization(origin, jnp.eye(N, dtype=y.dtype), jnp.zeros((N, 0), y.dtype), origin)
     for _ in range(passes):
-        split = form.split(joint.value, identity, joint.noise, active)
-        mu = split.gain(innovation)
-        value = rule.about(g, mu, form.assemble(mu, split.remainder).factor, fs.observation_space)
+        given = condition(joint._replace(state=coordinates), innovation[:, None], active)
+        mu = given.step[:, 0]
+        value = rule.about(g, mu, given.root, fs.observation_space)
         joint = first._replace(value=value)
         innovation = _innovation(value, y, fs, active) + jnp.where(active, value.slope @ mu, 0.0)
     return joint, innovation

@@ -10,11 +10,14 @@ lower triangular: the strictly upper part of `K` is that of `L⁻¹B`, by forwar
 zero.
 """
 
-from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+LARGEST_UNROLLED = 16
+"""Up to this size an algorithm is a few array operations for each row, which compile into one loop-free function."""
 
 
 def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
@@ -24,7 +27,7 @@ def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     round-off, slightly indefinite) matrix has a finite factor. The lower triangle of `P` is read.
     """
     n = P.shape[0]
-    floor = jnp.finfo(P.dtype).eps * jnp.diagonal(P)
+    floor = n * jnp.finfo(P.dtype).eps * jnp.diagonal(P)
     columns, rest = [], P
     for j in range(n):
         pivot = rest[j, j]
@@ -48,15 +51,28 @@ def solve_upper(S: Float[Array, "n n"], b: Float[Array, "n *k"]) -> Float[Array,
 
 
 def _solve(S: Array, b: Array, transposed: int) -> Array:
+    n = S.shape[0]
     regular = jnp.diagonal(S) != 0
-    S = jnp.where(regular[:, None] & regular[None, :], S, jnp.eye(S.shape[0], dtype=S.dtype))
-    b = jnp.where(regular.reshape((-1,) + (1,) * (b.ndim - 1)), b, 0.0)
-    return jax.scipy.linalg.solve_triangular(S, b, lower=True, trans=transposed)
+    if n > LARGEST_UNROLLED:
+        S = jnp.where(regular[:, None] & regular[None, :], S, jnp.eye(n, dtype=S.dtype))
+        b = jnp.where(regular.reshape((-1,) + (1,) * (b.ndim - 1)), b, 0.0)
+        return jax.scipy.linalg.solve_triangular(S, b, lower=True, trans=transposed)
+    rest, rows = b.reshape(n, -1), [b] * n
+    columns = S.T if transposed else S
+    for j in reversed(range(n)) if transposed else range(n):
+        rows[j] = jnp.where(regular[j], rest[j] / one_where_zero(S[j, j]), 0.0)
+        rest = rest - jnp.outer(columns[:, j], rows[j])
+    return jnp.stack(rows).reshape(b.shape)
 
 
 def safe_sqrt(x: Float[Array, " n"]) -> Float[Array, " n"]:
     """Square root with a derivative of zero (not infinity) at zero."""
     return jnp.where(x == 0, 0.0, jnp.sqrt(jnp.where(x == 0, 1.0, x)))
+
+
+def one_where_zero(x: Array) -> Array:
+    """A divisor that is never zero."""
+    return jnp.where(x == 0, 1.0, x)
 
 
 def norm_rows(A: Float[Array, "n k"]) -> Float[Array, " n"]:
@@ -65,37 +81,34 @@ def norm_rows(A: Float[Array, "n k"]) -> Float[Array, " n"]:
     return safe_sqrt(squares)
 
 
-def tria(A: Float[Array, "n k"], known: Float[Array, "n n"] | None = None, *, tested: int = 0) -> Float[Array, "n n"]:
+def tria(A: Float[Array, "n k"], known: Float[Array, "n n"] | None = None) -> Float[Array, "n n"]:
     """Lower triangular `L` with `L Lᵀ = A Aᵀ` and a diagonal that is not negative, by Householder reflections.
 
-    A row that is a combination of those above it has a pivot of zero and a column of zeros, as in the Cholesky factor
-    of `A Aᵀ`: the factor of a singular covariance is the same in either form.
+    A row of zeros after those above are taken out has a column of zeros, as in the Cholesky factor of `A Aᵀ`. A pivot
+    far below the round-off of its row is kept: it is accurate, and a small variance is not a known one.
 
     Args:
         A: columns whose outer products add up to the covariance.
         known: a covariance that some of the columns of `A` are a (derivative-free) factor of. It adds nothing to the
             value; derivatives flow through it instead of through its factor, whose own derivative is infinite where
             the covariance is zero.
-        tested: how many of the first rows count as combinations of those above already where that is so up to
-            round-off. Of the others, a pivot far below the round-off of its row is kept: it is accurate, and a small
-            variance is not a known one.
     """
     n = A.shape[0]
-    return _tria(tested, A, jnp.zeros((n, n), A.dtype) if known is None else known)
+    return _tria(A, jnp.zeros((n, n), A.dtype) if known is None else known)
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _tria(tested: int, A: Array, known: Array) -> Array:
+@jax.custom_jvp
+def _tria(A: Array, known: Array) -> Array:
     del known
-    return _reflected(A, A.shape[0], tested)
+    return _reflected(A, A.shape[0])
 
 
 @_tria.defjvp
-def _tria_jvp(tested: int, primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+def _tria_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
     (A, known), (dA, dknown) = primals, tangents
     n, k = A.shape
     fixed, fixed_known = jax.lax.stop_gradient((A, known))
-    both = _reflected(jnp.concatenate([fixed, jnp.eye(k, dtype=A.dtype)]), n, tested)
+    both = _reflected(jnp.concatenate([fixed, jnp.eye(k, dtype=A.dtype)]), n)
     L, Q = both[:n], both[n:]
     # For second derivatives: both again, the same in value, as functions of A and of `known`.
     L = L + _change(L, Q, A - fixed, known - fixed_known)
@@ -111,33 +124,37 @@ def _change(L: Array, Q: Array, dA: Array, dknown: Array) -> Array:
     return jnp.tril(B - L @ (K - K.T))
 
 
-def _reflected(A: Float[Array, "r k"], n: int, tested: int) -> Float[Array, "r n"]:
+def _reflected(A: Float[Array, "r k"], n: int) -> Float[Array, "r n"]:
     """`A Q` for the orthonormal `Q` that makes its first `n` rows lower triangular.
 
-    Every row that is not a combination of those above takes the direction of its largest element out of all others:
-    with that choice reflections are accurate row by row, also where rows differ by many orders of magnitude (Cox &
-    Higham 1998). A row that is such a combination takes nothing and leaves a column of zeros.
+    Every row takes the direction of its largest element out of those below: with that choice reflections are accurate
+    row by row, also where rows differ by many orders of magnitude (Cox & Higham 1998). A row of zeros takes nothing
+    and leaves a column of zeros.
     """
-    r, k = A.shape
-    floor = jnp.where(jnp.arange(n) < tested, 32 * jnp.finfo(A.dtype).eps * jnp.sum(jnp.abs(A[:n]), axis=1), 0.0)
+    columns = []
+    if A.shape[1] == 0:
+        return jnp.zeros((A.shape[0], n), A.dtype)
+    for j in range(n):
+        column, A = _reflect(A)
+        columns.append(jnp.pad(column, (j, 0)))
+    return jnp.stack(columns, axis=1)
 
-    def take(j: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        A, columns = carry
-        row = A[j]
-        axis = jax.nn.one_hot(jnp.argmax(jnp.abs(row)), k, dtype=A.dtype)
-        largest = row @ axis
-        row = row / _or_one(largest)
-        size = jnp.sqrt(row @ row)
-        # False for NaN and infinity, which go on as NaN: an unknown variance is not a known zero.
-        dead = (jnp.abs(largest) * size <= floor[j]) & jnp.isfinite(largest)
-        v = row + size * axis
-        reflected = A - jnp.outer(A @ v, v) * (2 / jnp.where(dead, 1.0, v @ v))
-        column = jnp.where(dead, 0.0, -jnp.sign(largest) * (reflected @ axis))
-        column = jnp.where((jnp.arange(r) < j) & (jnp.arange(r) < n), 0.0, column)
-        A = jnp.where(dead, A, reflected * (1 - axis)[None, :])
-        return A.at[j].set(0.0), columns.at[:, j].set(column)
 
-    return jax.lax.fori_loop(0, n, take, (A, jnp.zeros((r, n), A.dtype)))[1]
+def _reflect(A: Float[Array, "r k"]) -> tuple[Float[Array, " r"], Float[Array, "s k"]]:
+    """The first row's length and the others' components along it; and the others without its largest element's axis."""
+    row, rest = A[0], A[1:]
+    k = row.shape[0]
+    axis = (jnp.arange(k) == jnp.argmax(jnp.abs(row))).astype(A.dtype)
+    largest = row @ axis
+    # The sign that adds. False for NaN and infinity, which go on as NaN: an unknown variance is not a known zero.
+    sign = jnp.where(largest < 0, -1.0, 1.0).astype(A.dtype)
+    scale = one_where_zero(jnp.abs(largest))
+    row = row * (sign / scale)
+    size = jnp.sqrt(row @ row)
+    along = rest @ (row / one_where_zero(size))
+    v = (row + size * axis) / (1 + size)
+    left = (rest - jnp.outer(along + rest @ axis, v)) * (1 - axis)[None, :]
+    return jnp.concatenate([(scale * size)[None], sign * along]), jnp.where(largest == 0, rest, left)
 
 
 def _resolved(L: Array, b: Array) -> Array:
@@ -145,7 +162,3 @@ def _resolved(L: Array, b: Array) -> Array:
     noise = jnp.finfo(L.dtype).eps * L.shape[0] * norm_rows(L)
     solid = jnp.abs(jnp.diagonal(L)) > noise
     return solve_lower(jnp.where(jnp.diag(~solid), 0.0, L), b)
-
-
-def _or_one(x: Array) -> Array:
-    return jnp.where(x == 0, 1.0, x)

@@ -10,6 +10,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array
 
 from sigmapoint import checks
@@ -108,13 +109,24 @@ def with_jacobian(name: str, function: Callable[..., Any], jacobian: Callable[..
     checks.callables(**{name: jacobian})
 
     def differentiated(x: Array, *rest: Any) -> Array:
-        point = jax.lax.stop_gradient(x)
-        value = function(point, *rest)
+        value = function(jax.lax.stop_gradient(x), *rest)
         shape = (value.shape[0], x.shape[0])
-        slope = checks.returned(name, jacobian(point, *rest[:1]), shape, "one row for each element of the value")
-        return value + slope @ (x - point)
+        slope = checks.returned(name, jacobian(x, *rest[:1]), shape, "one row for each element of the value")
+        return value + _nothing(slope.astype(value.dtype), x.astype(value.dtype))
 
     return differentiated
+
+
+@jax.custom_jvp
+def _nothing(slope: Array, x: Array) -> Array:
+    """Zero, with the derivative `slope` with respect to `x`; the slope itself may have derivatives."""
+    return jnp.zeros(slope.shape[0], slope.dtype)
+
+
+@_nothing.defjvp
+def _nothing_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
+    slope, x = primals
+    return _nothing(slope, x), slope @ tangents[1]
 
 
 def _noise(name: str, noise: Any) -> Additive | NonAdditive:

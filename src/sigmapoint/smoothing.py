@@ -17,6 +17,7 @@ from jaxtyping import Array
 from sigmapoint import checks
 from sigmapoint.belief import Belief
 from sigmapoint.blackbox import unwrapped
+from sigmapoint.conditioning import condition
 from sigmapoint.filtering import Filter, FilterState, fields, prepared, scan
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
@@ -46,11 +47,11 @@ def reverse(run: Filter, state: FilterState, u: Any, later: Belief) -> Belief:
     """The belief about x[k] from the filtered one and the smoothed belief about x[k+1]."""
     fs = run.functions(state.step)
     joint, _ = run.method.carry.transition(run.method.rule, state.belief, fs, u)
-    form = type(later)
-    every = jnp.ones(joint.value.slope.shape[0], bool)
-    split = form.split(joint.value, joint.state, joint.noise, every)
-    step = split.gain(fs.state_space.residual(later.mean, joint.value.mean))
-    return form.mix(fs.state_space.retract(joint.state.mean, step), split.gain(later.factor), split.remainder)
+    ahead = fs.state_space.residual(later.mean, joint.value.mean)
+    every = jnp.ones(ahead.shape, bool)
+    given = condition(joint, jnp.concatenate([ahead[:, None], later.factor], axis=1), every)
+    mean = fs.state_space.retract(joint.state.mean, given.step[:, 0])
+    return type(later).from_root(mean, jnp.concatenate([given.step[:, 1:], given.root], axis=1))
 
 
 def rts() -> RTS:

@@ -33,6 +33,8 @@ class Linearization(NamedTuple):
     mean: Float[Array, " d"]
     slope: Float[Array, "c n"]
     residual: Float[Array, "c k"]
+    scale: Float[Array, " c"]
+    """size of the numbers it was computed from: what is below their round-off is not there"""
 
 
 class SigmaPoints(NamedTuple):
@@ -99,7 +101,7 @@ class SigmaPointRule(ABC):
         shift, slope, residual = (
             jnp.asarray(c[..., 1:], D.dtype) @ D for c in (constants.mean, constants.slope, constants.residual)
         )
-        return Linearization(space.retract(values[0], shift), slope.T, residual.T)
+        return Linearization(space.retract(values[0], shift), slope.T, residual.T, magnitude(values, slope.shape[1]))
 
     def constants(self, n: int) -> SigmaPoints:
         """`sigma_points(n)`, remembered."""
@@ -109,6 +111,12 @@ class SigmaPointRule(ABC):
 @lru_cache(maxsize=512)
 def _remembered(rule: SigmaPointRule, n: int) -> SigmaPoints:
     return rule.sigma_points(n)
+
+
+def magnitude(values: Float[Array, "p d"], size: int) -> Float[Array, " c"]:
+    """The largest absolute value in each column; of all of them where a difference has other elements than a value."""
+    largest = jnp.max(jnp.abs(values), axis=0)
+    return largest if largest.shape[0] == size else jnp.full(size, jnp.max(largest))
 
 
 def symmetric_points(n: int, spread: float) -> Float[np.ndarray, "p n"]:

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint.rules.linearization import Linearization
+from sigmapoint.rules.linearization import Linearization, magnitude
 from sigmapoint.spaces import Space
 
 
@@ -21,8 +21,9 @@ class Taylor:
 
     def __call__(self, g: Callable[[Array], Array], origin: Float[Array, " n"], space: Space) -> Linearization:
         value = g(origin)
-        slope = jax.jacfwd(lambda xi: space.residual(g(xi), jax.lax.stop_gradient(value)))(origin)
-        return Linearization(value, slope, jnp.zeros((slope.shape[0], 0), slope.dtype))
+        slope = jax.jacfwd(lambda xi: space.residual(g(xi), value))(origin)
+        scale = magnitude(value[None], slope.shape[0]) + jnp.sum(jnp.abs(slope), axis=1)
+        return Linearization(value, slope, slope[:, :0], scale)
 
     def about(
         self,
