@@ -33,7 +33,7 @@ POLICY = (
 
 def report(
     result: Posterior | Mapping[str, Posterior] | Comparison,
-    path: str | os.PathLike,
+    path: str | os.PathLike[str],
     *,
     time: Any = None,
     time_label: str = "time",
