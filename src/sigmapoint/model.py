@@ -6,11 +6,13 @@ Row k of measurements, inputs and results belongs to the same instant; `initial`
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from sigmapoint import checks
@@ -109,24 +111,55 @@ def with_jacobian(name: str, function: Callable[..., Any], jacobian: Callable[..
     checks.callables(**{name: jacobian})
 
     def differentiated(x: Array, *rest: Any) -> Array:
-        value = function(jax.lax.stop_gradient(x), *rest)
-        shape = (value.shape[0], x.shape[0])
-        slope = checks.returned(name, jacobian(x, *rest[:1]), shape, "one row for each element of the value")
-        return value + _nothing(slope.astype(value.dtype), x.astype(value.dtype))
+        def slope(x: Array, *rest: Any) -> Array:
+            shape = (value.shape[0], x.shape[0])
+            made = checks.returned(name, jacobian(x, *rest[:1]), shape, "one row for each element of the value")
+            return made.astype(value.dtype)
+
+        # What either function closes over (parameters being fitted) becomes arguments, to be differentiated too.
+        plain, held = jax.closure_convert(function, x, *rest)
+        value = jax.eval_shape(plain, x, *rest, *held)
+        sloped, held_by_slope = jax.closure_convert(slope, x, *rest)
+        return _sloped(plain, sloped, x, rest, held, held_by_slope)
 
     return differentiated
 
 
-@jax.custom_jvp
-def _nothing(slope: Array, x: Array) -> Array:
-    """Zero, with the derivative `slope` with respect to `x`; the slope itself may have derivatives."""
-    return jnp.zeros(slope.shape[0], slope.dtype)
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _sloped(
+    function: Callable[..., Array], slope: Callable[..., Array], x: Array, rest: Any, held: Any, held_by_slope: Any
+) -> Array:
+    """`function(x, *rest, *held)`, whose derivative in `x` is `slope` and whose others are its own."""
+    return function(x, *rest, *held)
 
 
-@_nothing.defjvp
-def _nothing_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
-    slope, x = primals
-    return _nothing(slope, x), slope @ tangents[1]
+@partial(_sloped.defjvp, symbolic_zeros=True)
+def _sloped_jvp(
+    function: Callable[..., Array], slope: Callable[..., Array], primals: tuple[Any, ...], tangents: tuple[Any, ...]
+) -> tuple[Array, Array]:
+    x, rest, held, held_by_slope = primals
+    moved = jnp.zeros_like(value := _sloped(function, slope, *primals))
+    if not all(_still(leaf) for leaf in jax.tree.leaves(tangents[1:3], is_leaf=_still)):
+        others = tuple(jax.tree.map(_instantiated, primals[1:3], tangents[1:3]))
+        moved = jax.jvp(lambda rest, held: function(x, *rest, *held), primals[1:3], others)[1]
+    if not _still(tangents[0]):
+        moved = moved + slope(x, *rest, *held_by_slope) @ tangents[0]
+    return value, moved
+
+
+def _still(tangent: Any) -> bool:
+    """Whether nothing moves here: a function that has no derivative of its own is not asked for one."""
+    return isinstance(tangent, jax.custom_derivatives.SymbolicZero)
+
+
+def _instantiated(primal: Array, tangent: Any) -> Any:
+    if not _still(tangent):
+        return tangent
+    return (
+        np.zeros(primal.shape, jax.dtypes.float0)
+        if not jnp.issubdtype(primal.dtype, jnp.inexact)
+        else jnp.zeros_like(primal)
+    )
 
 
 def _noise(name: str, noise: Any) -> Additive | NonAdditive:

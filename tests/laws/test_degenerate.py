@@ -103,3 +103,40 @@ def test_a_value_that_is_not_a_number_where_nothing_was_measured_does_no_harm():
     y = np.array([[1.0, np.nan], [0.5, np.nan]])
     for method in (sp.ekf(), sp.srcdkf()):
         assert np.isfinite(sp.filter(model, y, None, method, keep=("mean", "std")).mean).all()
+
+
+@pytest.mark.parametrize("method", METHODS, ids=str)
+def test_sensors_that_agree_under_a_wide_prior_in_32_bits(method):
+    """After the first of two equal sensors, what the second adds is small beside the prior, but not nothing."""
+    f32 = lambda a: jnp.asarray(a, jnp.float32)  # noqa: E731
+    P0, H = 1e6 * np.array([[1, 0.9], [0.9, 1]]), [[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
+    parts = (f32(np.eye(2)), f32(H), f32(np.eye(2)), f32(0.5 * np.eye(3)), f32(np.zeros(2)), f32(P0))
+    post = _linear(sp.filter, f32([[1000.0, 1000.5, 1400.0]]), method, *parts)
+    np.testing.assert_allclose(post.mean[0], [1000.25, 1400.0], rtol=3e-6)
+    np.testing.assert_allclose(post.std[0], [0.5, 0.5**0.5], rtol=1e-5)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e4, 1e8])
+@pytest.mark.parametrize("method", METHODS, ids=str)
+def test_copies_of_exact_sensors_in_other_units_change_nothing(method, scale):
+    H = np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 6.0], [0.5, 1.0, 1.5], [0.2, 1.0, 0.4]])
+    H[:3] *= scale
+    y = np.array([[1.7 * scale, 3.4 * scale, 0.85 * scale, -0.3]])
+    F, Q, start = np.eye(3), np.eye(3), (np.zeros(3), np.diag([400.0, 225.0, 900.0]))
+    a = _linear(sp.filter, y, method, F, H, Q, np.diag([0.0, 0.0, 0.0, 1e-4]), *start)
+    b = _linear(sp.filter, y[:, [0, 3]], method, F, H[[0, 3]], Q, np.diag([0.0, 1e-4]), *start)
+    np.testing.assert_allclose(a.mean, b.mean, rtol=1e-8)
+    np.testing.assert_allclose(a.std, b.std, rtol=1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=str)
+def test_an_exact_measurement_repeated_says_nothing_new(method):
+    H, P0 = np.array([[1.0, 2.0, 3.0]]), np.array([[2.0, 0.3, 0.1], [0.3, 1.0, 0.2], [0.1, 0.2, 3.0]])
+    y = np.full((6, 1), 2.0)
+    post = _linear(sp.filter, y, method, np.eye(3), H, np.zeros((3, 3)), np.zeros((1, 1)), np.zeros(3), P0)
+    np.testing.assert_allclose(post.mean, np.broadcast_to(post.mean[:1], (6, 3)), rtol=1e-9)
+    np.testing.assert_allclose(post.std, np.broadcast_to(post.std[:1], (6, 3)), rtol=1e-9)
+    K = P0 @ H.T / (H @ P0 @ H.T)
+    np.testing.assert_allclose(post.mean[0], 2.0 * K[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(post.std[0], np.sqrt(np.diag(P0 - K @ H @ P0)), rtol=1e-9)
+    assert np.all(post.nis[1:] == 0)

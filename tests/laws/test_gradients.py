@@ -98,3 +98,46 @@ def test_second_derivatives_agree_with_differences_of_the_gradient(method):
     difference = np.stack([(gradient(v + h * e) - gradient(v - h * e)) / (2 * h) for e in np.eye(2)])
     for outer in (jax.jacfwd, jax.jacrev):
         np.testing.assert_allclose(outer(gradient)(v), difference, rtol=1e-5, atol=1e-5)
+
+
+def test_user_jacobians_change_no_derivative_of_the_likelihood():
+    """The Jacobian moves with the estimate, and so with every parameter."""
+    u = jnp.arange(20.0)
+    y = 8 * jnp.abs(jnp.sin(u))[:, None]
+
+    def likelihood(t, **jacobians):
+        def f(x, u):
+            return 0.5 * x + t * x / (1 + x**2) + 8 * jnp.cos(1.2 * u)
+
+        start = sp.Gaussian(jnp.ones(1), jnp.eye(1))
+        model = sp.StateSpaceModel(f, lambda x, u: x**2 / 20, jnp.eye(1), 0.5 * jnp.eye(1), start, **jacobians)
+        return sp.filter(model, y, u, sp.ekf()).log_likelihood
+
+    def given(t):
+        slope = lambda x, u: jnp.diag(0.5 + t * (1 - x**2) / (1 + x**2) ** 2)  # noqa: E731
+        return likelihood(t, dynamics_jacobian=slope, observation_jacobian=lambda x, u: x[None] / 10)
+
+    np.testing.assert_allclose(given(25.0), likelihood(25.0), rtol=1e-12)
+    np.testing.assert_allclose(jax.grad(given)(25.0), jax.grad(likelihood)(25.0), rtol=1e-9)
+    np.testing.assert_allclose(jax.hessian(given)(25.0), jax.hessian(likelihood)(25.0), rtol=1e-9)
+
+
+@pytest.mark.parametrize("method", [sp.ekf(), sp.srekf(), sp.srcdkf()], ids=str)
+def test_gradient_on_a_manifold_whose_difference_depends_on_the_point(method):
+    ratio = sp.Manifold(lambda a, b: a / b - 1, lambda m, d: m * (1 + d))
+    y = jnp.log(2 + 0.3 * jnp.sin(jnp.arange(15.0)))[:, None]
+
+    def likelihood(q):
+        model = sp.StateSpaceModel(
+            lambda x, u: 1.0 + 0.5 * x + 0.1 * jnp.sin(x) * x,
+            lambda x, u: jnp.log(x),
+            q * jnp.eye(1),
+            0.05 * jnp.eye(1),
+            sp.Gaussian(jnp.array([2.0]), 0.1 * jnp.eye(1)),
+            state_space=ratio,
+        )
+        return sp.filter(model, y, method=method).log_likelihood
+
+    h = 1e-6
+    difference = (likelihood(0.02 + h) - likelihood(0.02 - h)) / (2 * h)
+    np.testing.assert_allclose(jax.grad(likelihood)(0.02), difference, rtol=1e-6)

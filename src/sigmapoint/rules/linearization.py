@@ -92,7 +92,8 @@ class SigmaPointRule(ABC):
         narrow = jnp.finfo(factor.dtype).eps ** (1 / 3) - jnp.diagonal(factor)
         factor = factor + jnp.diag(jnp.maximum(narrow, 0.0))
         lin = self(lambda eta: g(mean + factor @ eta), jnp.zeros_like(mean), space)
-        return lin._replace(slope=solve_upper(factor, lin.slope.T).T)
+        slope = solve_upper(factor, lin.slope.T).T
+        return lin._replace(slope=slope, scale=lin.scale / jnp.min(jnp.diagonal(factor)))
 
     def combine(self, values: Float[Array, "p d"], n: int, space: Space) -> Linearization:
         """The linearisation from the function values at the points of dimension `n`."""
