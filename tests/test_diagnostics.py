@@ -264,3 +264,12 @@ def test_quantiles_keep_both_tails():
     at, values = quantiles(z)
     assert at.size <= 400
     assert (values[0], values[-1]) == (z.min(), z.max())
+
+
+def test_a_partly_missing_row_on_a_manifold_was_not_measured(unit_vector):
+    model, y = unit_vector(400)
+    post = sp.filter(model, y.at[20, 0].set(jnp.nan))
+    found = diagnose(post)
+    assert found.lost == 0
+    assert {v.severity for v in found.verdicts} == {"good"}
+    assert np.isnan(post.to_frame()["nis"][20])

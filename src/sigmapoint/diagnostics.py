@@ -15,7 +15,7 @@ import numpy as np
 from sigmapoint import verdicts
 from sigmapoint.accuracy import Coverage, errors
 from sigmapoint.consistency import Consistency, consistency, normalised
-from sigmapoint.results import Posterior, field, input_columns
+from sigmapoint.results import Posterior, field, input_columns, measured_rows
 from sigmapoint.verdicts import Verdict
 from sigmapoint.whiteness import COLUMNS, Element, examined
 
@@ -61,7 +61,7 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
     inputs = dict(list(input_columns(post.u, len(nis)).items())[:COLUMNS])
     names = post.labels.innovations(innovation.shape[1]).names
     elements = tuple(examined(name, z, inputs) for name, z in zip(names, normal.white.T))
-    measured = np.isfinite(np.asarray(post.y)).any(1)
+    measured = measured_rows(field(post, "y"), innovation.shape[1])
     lost = int((measured & ~(np.isfinite(innovation).any(1) & np.isfinite(nis))).sum())
     nees, covered = (None, ()) if truth is None else _against(post, truth)
     whole = consistency(nis, normal.degrees)
