@@ -118,6 +118,13 @@ def test_wrong_error_bars_are_named_with_what_to_try(white, scale, severity, wor
     assert verdict.severity == severity
 
 
+def test_what_is_outside_the_band_but_too_little_to_matter_says_so(white):
+    (verdict,) = said(diagnose(made(white, 1.17**0.5)), "The error bars fit the innovations")
+    assert verdict.severity == "good"
+    assert "(slightly outside, too little to matter)" in verdict.text
+    assert not said(diagnose(made(white)), "slightly outside")
+
+
 def test_a_few_outliers_are_not_called_a_wrong_noise(white):
     hit = white.copy()
     hit[::100] *= 20

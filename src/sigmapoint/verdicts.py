@@ -74,7 +74,9 @@ def _consistent(c: Consistency, short: str, what: str, per: str, about: str) -> 
     low, high = c.band
     numbers = f"mean {short} {c.mean:.3g} per {per}, expected {low:.2f} to {high:.2f}"
     if low <= c.mean <= high or TOLERATED[0] <= c.mean <= TOLERATED[1]:
-        text = f"The error bars fit the {what}: {numbers}; {100 * c.inside:.0f} % of samples within their 95 % band."
+        outside = "" if low <= c.mean <= high else " (slightly outside, too little to matter)"
+        share = f"{100 * c.inside:.0f} % of samples within their 95 % band"
+        text = f"The error bars fit the {what}: {numbers}{outside}; {share}."
         return Verdict("good", text)
     if c.mean < low:
         text = (
