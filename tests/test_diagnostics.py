@@ -156,6 +156,28 @@ def test_ljung_box_agrees_with_its_formula_and_its_distribution():
     np.testing.assert_allclose(502 / 500 * pairs @ rho**2, Q, rtol=1e-10)
 
 
+def test_the_band_of_a_lag_is_as_wide_as_its_pairs_are_few():
+    rng, beyond, lags, called = np.random.default_rng(8), 0, 0, 0
+    for _ in range(50):
+        z = np.where(rng.random((300, 2)) < 0.25, rng.normal(size=(300, 2)), np.nan)
+        found = diagnose(made(z, cov=np.eye(2)))
+        called += len(said(found, "correlated in time ("))
+        for e in found.elements:
+            rho, pairs = autocorrelation(e.white, e.band.size)
+            np.testing.assert_allclose(e.band, 1.96 / np.sqrt(pairs))
+            beyond, lags = beyond + (np.abs(rho) > e.band).sum(), lags + rho.size
+    assert abs(beyond / lags - 0.05) < 5 * (0.05 * 0.95 / lags) ** 0.5
+    assert called <= 1  # of 100, at a level of 0.001
+
+
+def test_lags_that_no_two_values_are_apart_say_nothing():
+    rng = np.random.default_rng(9)
+    z = np.full((400, 2), np.nan)
+    z[::4] = rng.normal(size=(100, 2))
+    e = diagnose(made(z, cov=np.eye(2))).elements[0]
+    np.testing.assert_array_equal(np.isfinite(e.band), np.arange(1, LAGS + 1) % 4 == 0)
+
+
 def test_an_input_that_innovations_follow_is_named(white):
     current = np.random.default_rng(4).normal(size=T)
     follows = white + np.outer(np.roll(current, 1), [0.4, 0.0])

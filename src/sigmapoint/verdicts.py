@@ -7,6 +7,7 @@ chance does (the band of the test), and it is large enough to matter (the thresh
 from typing import Literal, NamedTuple
 
 import numpy as np
+from jaxtyping import Bool
 
 from sigmapoint.accuracy import Coverage
 from sigmapoint.consistency import Consistency
@@ -112,17 +113,22 @@ def _contradiction(nis: Consistency, nees: Consistency) -> list[Verdict]:
 
 def _whiteness(elements: tuple[Element, ...]) -> list[Verdict]:
     judged = [e for e in elements if e.samples >= FEW]
-    coloured = [e for e in judged if e.ljung_box < CHANCE and np.abs(e.autocorrelation).max() > CORRELATED]
+    coloured = [e for e in judged if e.ljung_box < CHANCE and _beyond(e).any()]
     if judged and not coloured:
         return [Verdict("good", "The innovations are uncorrelated in time: nothing slow is left unmodelled.")]
     return [_coloured(e) for e in coloured]
 
 
+def _beyond(e: Element) -> Bool[np.ndarray, "L"]:
+    """Lags whose autocorrelation is neither small nor chance."""
+    return np.abs(e.autocorrelation) > np.maximum(CORRELATED, e.band)
+
+
 def _coloured(e: Element) -> Verdict:
-    lag = int(np.abs(e.autocorrelation).argmax())
+    lag = int(np.where(_beyond(e), np.abs(e.autocorrelation), 0.0).argmax())
     rho = e.autocorrelation[lag]
     severity: Severity = "bad" if abs(rho) > STRONGLY else "warning"
-    numbers = f"{rho:+.2f} at lag {lag + 1}; chance stays within ±{e.band:.2f}"
+    numbers = f"{rho:+.2f} at lag {lag + 1}; chance stays within ±{e.band[lag]:.2f}"
     head = f"Innovations of {e.name} are correlated in time ({numbers}): "
     if rho > 0:
         advice = "something slow is not modelled. Add a state for it (a bias, a drift, a lag), or raise process_noise."
@@ -132,7 +138,7 @@ def _coloured(e: Element) -> Verdict:
 
 
 def _bias(e: Element) -> list[Verdict]:
-    if abs(e.bias) <= max(CORRELATED, 1.68 * e.band):
+    if abs(e.bias) <= max(CORRELATED, 3.3 / e.samples**0.5):
         return []
     text = (
         f"Innovations of {e.name} are {e.bias:+.2f} standard deviations off zero on average: look for an offset of the "
