@@ -85,6 +85,15 @@ def test_run_on_the_example_writes_three_files_with_names_and_units(tmp_path):
     assert summary["final"][0]["estimate"] == frame["angle"].iloc[-1]
 
 
+@pytest.mark.parametrize(("time", "label"), [("", "time [samples]"), ("time = 'clock'\n", "time [min]")])
+@pytest.mark.parametrize("command", [("run", "--method"), ("compare", "--methods")])
+def test_the_page_says_the_unit_of_time(files, tmp_path, command, time, label):
+    data = "level [m],pump,clock [min]\n1.0,0.1,0\n,0.1,1\n1.2,0.2,2\n"
+    invoke(command[0], *files(data, MODEL + time), command[1], "ekf", "--out", tmp_path / "out")
+    html = (tmp_path / "out" / "report.html").read_text()
+    assert set(re.findall(r'"title":\{"text":"(time[^"]*)"', html)) == {label}
+
+
 def test_command_line_agrees_with_the_library(files, tmp_path):
     model, data = files()
     invoke("run", model, data, "--method", "iterated(srukf(), 2)", "--out", tmp_path / "out")

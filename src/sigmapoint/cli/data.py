@@ -14,6 +14,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from sigmapoint.cli.errors import InputError
+from sigmapoint.plotting import titled
 
 HEADER = re.compile(r"^(?P<name>.*?\S)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))$")
 FORMATS = ".csv, .csv.gz or .parquet"
@@ -33,6 +34,11 @@ class Clock(NamedTuple):
     numbers: Float[np.ndarray, "T"]
     shown: Any
     unit: str = ""
+
+    @property
+    def label(self) -> str:
+        """For an axis, with the unit."""
+        return titled("time", self.unit)
 
 
 def read(path: Path) -> pd.DataFrame:
@@ -149,7 +155,7 @@ def clock(frame: pd.DataFrame, wanted: str | None) -> Clock:
     """Time of the rows from a column of numbers or dates; row numbers 0, 1, 2, … where no column is named."""
     if wanted is None:
         numbers = np.arange(len(frame), dtype=np.float64)
-        return Clock(numbers, numbers)
+        return Clock(numbers, numbers, "samples")
     series = frame.iloc[:, locate(frame, wanted, "time")]
     dates = None if pd.api.types.is_numeric_dtype(series) else _dates(series)
     if dates is None:

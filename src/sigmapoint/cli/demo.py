@@ -84,13 +84,18 @@ def finals(case: Case, results: Mapping[str, Estimated]) -> list[dict[str, Any]]
     return rows
 
 
+def clock(case: Case) -> Clock:
+    """Seconds of the log."""
+    return Clock(case.log.time, case.log.time, "s")
+
+
 def frames(case: Case, results: Mapping[str, Estimated]) -> Any:
     """The estimates of every method under one another, with the counted charge."""
     import pandas as pd
 
     made = []
     for name, result in results.items():
-        frame = frame_of(result.post, Clock(case.log.time, case.log.time, "s"))
+        frame = frame_of(result.post, clock(case))
         frame.insert(0, "method", name)
         made.append(frame.assign(counted_soc=case.reference))
     return pd.concat(made, ignore_index=True)
@@ -154,7 +159,7 @@ def files(
     shown = results.get("srcdkf", next(iter(results.values()))).post
     page: dict[str, Any] = {
         "time": case.log.time,
-        "time_label": "time [s]",
+        "time_label": clock(case).label,
         "truth": case.truth,
         "title": "State of charge of a Nissan Leaf cell at 25 °C",
         "tables": list(tables.items()),
