@@ -302,3 +302,11 @@ def test_a_partly_missing_row_on_a_manifold_was_not_measured(unit_vector):
     assert found.lost == 0
     assert {v.severity for v in found.verdicts} == {"good"}
     assert np.isnan(post.to_frame()["nis"][20])
+
+
+def test_print_shows_the_verdicts_alone_the_gravest_first(white):
+    lines = str(diagnose(made(white, 3.0**0.5))).splitlines()
+    assert lines[0].startswith("bad      The filter is overconfident")
+    assert lines[-1].startswith("good     ")
+    assert max(map(len, lines)) <= 120
+    assert len(lines) < 10

@@ -8,6 +8,7 @@ Innovations of a consistent filter are white, so the band of the mean NIS holds;
 scatters more than its band says. Errors are *always* correlated in time: the band of the mean NEES is a guide.
 """
 
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,10 @@ from sigmapoint.consistency import Consistency, consistency, normalised
 from sigmapoint.results import Posterior, field, input_columns, measured_rows
 from sigmapoint.verdicts import Verdict
 from sigmapoint.whiteness import COLUMNS, Element, examined
+
+
+WIDTH = 120
+"""Characters in a line of what is printed."""
 
 
 class Diagnosis(NamedTuple):
@@ -31,6 +36,13 @@ class Diagnosis(NamedTuple):
     """rows that were measured but have no finite innovation"""
     verdicts: tuple[Verdict, ...]
 
+    def __str__(self) -> str:
+        """The verdicts, the gravest first; the numbers are in the fields."""
+        return "\n".join(
+            fill(v.text, WIDTH, initial_indent=f"{v.severity:<9}", subsequent_indent=9 * " ")
+            for v in verdicts.gravest_first(self.verdicts)
+        )
+
 
 def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
     """Say in numbers and in words whether a result can be trusted.
@@ -41,7 +53,7 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
 
     Returns:
         NIS, tests of the innovations of each measured quantity, NEES and coverage, and `verdicts`: sentences with a
-        severity, `good`, `warning` or `bad`.
+        severity, `good`, `warning` or `bad`. `print` shows these alone.
 
     Raises:
         ValueError: a field was not kept; a batch of results; a truth of another shape.
@@ -53,8 +65,11 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
         >>> x, y = sp.simulate(model, 500, key=jax.random.key(0))
-        >>> {verdict.severity for verdict in diagnose(sp.filter(model, y), truth=x).verdicts}
+        >>> found = diagnose(sp.filter(model, y), truth=x)
+        >>> {verdict.severity for verdict in found.verdicts}
         {'good'}
+        >>> print(str(found).splitlines()[0])
+        good     The error bars fit the innovations: mean NIS ... per measured element, expected 0.88 to 1.13; ...
     """
     innovation, nis = field(post, "innovation"), field(post, "nis")
     normal = normalised(innovation, field(post, "innovation_cov"))

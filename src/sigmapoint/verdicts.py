@@ -4,6 +4,7 @@ With many samples every model is detectably wrong, so a verdict asks for two thi
 chance does (the band of the test), and it is large enough to matter (the thresholds below).
 """
 
+from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -34,6 +35,14 @@ class Verdict(NamedTuple):
 
     severity: Severity
     text: str
+
+
+RANK = {"bad": 0, "warning": 1, "good": 2}
+
+
+def gravest_first(verdicts: Iterable[Verdict]) -> list[Verdict]:
+    """In the order in which they should be read."""
+    return sorted(verdicts, key=lambda verdict: RANK[verdict.severity])
 
 
 def of(
