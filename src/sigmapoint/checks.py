@@ -5,7 +5,7 @@ Values are looked at only where they are known: under `jax.jit`, `grad` or `vmap
 
 import importlib
 import operator
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import jax
@@ -19,6 +19,7 @@ from sigmapoint.spaces import Euclidean
 
 def array(name: str, value: Any) -> Array:
     """As a floating-point array."""
+    unmasked(name, value)
     try:
         made = jnp.asarray(value)
     except (TypeError, ValueError) as error:
@@ -28,6 +29,12 @@ def array(name: str, value: Any) -> Array:
     if not jnp.issubdtype(made.dtype, jnp.floating):
         made = made.astype(float)
     return made
+
+
+def unmasked(name: str, value: Any) -> None:
+    """No mask, which JAX drops: what is missing is NaN here."""
+    if isinstance(value, np.ma.MaskedArray):
+        raise ValueError(f"{name} must not be a masked array: pass {name}.astype(float).filled(np.nan)")
 
 
 def whole(name: str, value: Any, least: int) -> int:
@@ -228,10 +235,13 @@ def inputs(u: Any, T: int | None, dtype: Any) -> Any:
 
     def leaf(path: Any, value: Any) -> Array:
         name = "u" + jax.tree_util.keystr(path)
+        unmasked(name, value)
         try:
             made = jnp.asarray(value)
         except TypeError as error:
-            raise ValueError(f"{name} must be an array, got {type(value).__name__}") from error
+            kind = getattr(value, "dtype", None)
+            got = type(value).__name__ if kind is None else f"an array of {kind}"
+            raise ValueError(f"{name} must be an array of numbers, got {got}") from error
         if T is not None and (made.ndim == 0 or made.shape[0] != T):
             raise ValueError(f"{name} must have one row for each of the {T} rows of y, got shape {made.shape}")
         if jnp.issubdtype(made.dtype, jnp.floating):
@@ -243,7 +253,7 @@ def inputs(u: Any, T: int | None, dtype: Any) -> Any:
 
 
 def called(name: str, function: Any, *args: Any) -> Any:
-    """`function(*args)`; where it computes with NumPy, an error that says what to write in its place."""
+    """`function(*args)`; an error of the usual kinds says what to write, or what of the input was not given."""
     try:
         return function(*args)
     except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError) as error:
@@ -252,6 +262,24 @@ def called(name: str, function: Any, *args: Any) -> Any:
             "that cannot be traced, sp.blackbox(function)"
         )
         raise
+    except (TypeError, AttributeError) as error:
+        if args[1] is None and "None" in str(error):
+            error.add_note(f"{name} was called with u=None: pass u=..., one row for each row of y")
+        raise
+    except KeyError as error:
+        if isinstance(args[1], Mapping) and error.args[:1] and error.args[0] not in args[1]:
+            error.add_note(f"{name} was called with a u that has the keys {', '.join(map(repr, args[1]))}")
+        raise
+
+
+def columns(measured: int, value: Any) -> None:
+    """A row of y has as many elements as the vector that the observation function returns."""
+    shape = getattr(value, "shape", None)
+    if shape is not None and len(shape) == 1 and shape[0] != measured:
+        raise ValueError(
+            f"y has {measured} element(s) a row, but observation returns {shape[0]}: y must be (T, {shape[0]}), one row "
+            f"a sample (is it transposed?), and a single sample ({shape[0]},)"
+        )
 
 
 def returned(name: str, value: Any, shape: tuple[int, ...], meaning: str) -> Array:

@@ -36,7 +36,9 @@ class Labels(eqx.Module):
         for name in ("observation_names", "observation_units"):
             given = getattr(model, name)
             if given is not None and len(given) != measured:
-                raise ValueError(f"{name} must be {measured} string(s), one for each column of y, got {given!r}")
+                raise ValueError(
+                    f"{name} must be {measured} string(s), one for each column of y, got {given!r}; is y transposed?"
+                )
         return cls(
             model.state_names,
             model.state_units,

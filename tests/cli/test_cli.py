@@ -185,9 +185,12 @@ def test_bad_data_gets_one_message_that_says_where(files, tmp_path, data, said):
         (MODEL + "time = 'pump'\n", "column 'pump' goes back in data row 3"),
         (MODEL + "time = 'day'\n", "dates like 2024-01-31 12:00): column 'day' must be numbers, but holds 'Monday'"),
         (MODEL + "truth = {'tonk': 'pump'}\n", "'tonk', no state of the model; its state_names are tank"),
-        (MODEL.replace('u["pump"]', 'u["pomp"]'), "tank.py, line 8: KeyError: 'pomp'"),
+        (
+            MODEL.replace('u["pump"]', 'u["pomp"]'),
+            "tank.py, line 8: KeyError: 'pomp'; dynamics was called with a u that has the keys 'pump'",
+        ),
         (MODEL.replace("jnp.eye(1),", "-jnp.eye(1),", 1), "has a negative variance"),
-        (MODEL + "measurements = ['level', 'pump']\n", "observation_noise must be (2, 2)"),
+        (MODEL + "measurements = ['level', 'pump']\n", "y has 2 element(s) a row, but observation returns 1"),
     ],
 )
 def test_bad_model_gets_one_message_that_says_where(files, tmp_path, model, said):
