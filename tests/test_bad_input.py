@@ -170,6 +170,13 @@ CASES = {
     "a key that is none": (lambda: sp.simulate(model(), 3, key="0"), "key must be"),
     "angles of half an element": (lambda: sp.angles(0.5), "angles: positions must be whole numbers"),
     "angles without indices": (lambda: sp.angles(), "angles"),
+    "angles as a list": (lambda: sp.angles([0, 1]), r"angles: positions.*write sp.angles\(0, 1\)"),
+    "a turn of letters": (lambda: sp.angles(0, period="a"), "angles: period, a full turn, must be a positive number"),
+    "black box without a value": (
+        lambda: run(dynamics=sp.blackbox(lambda x, u: [None, 1.0])),
+        "blackbox: the function must return real numbers, got object: None",
+    ),
+    "black box of no elements": (lambda: sp.blackbox(f, size=0), "blackbox: size must be a whole number of at least 1"),
 }
 
 
@@ -227,6 +234,16 @@ def test_a_model_is_told_which_input_is_missing():
     with pytest.raises(KeyError, match="tq") as error:
         run(u={"torque": np.ones(5)}, dynamics=lambda x, u: x + u["tq"])
     assert "dynamics was called with a u that has the keys 'torque'" in error.value.__notes__[0]
+
+
+def test_points_too_close_together_for_single_precision_are_named():
+    eye = [jnp.eye(n, dtype=jnp.float32) for n in (1, 2)]
+    start = sp.Gaussian(jnp.zeros(2, jnp.float32), eye[1])
+    small = model(process_noise=eye[1], observation_noise=eye[0], initial=start)
+    with pytest.warns(UserWarning, match=r"good to about 0.1 of a value only in float32: spread them \(alpha=1\)"):
+        sp.filter(small, np.ones((3, 1)), method=sp.srukf(alpha=1e-3))
+    sp.filter(small, np.ones((3, 1)), method=sp.srukf(alpha=0.1))
+    sp.filter(model(), np.ones((3, 1)), method=sp.srukf(alpha=1e-3))
 
 
 def test_a_seed_is_a_key():

@@ -5,6 +5,7 @@ Values are looked at only where they are known: under `jax.jit`, `grad` or `vmap
 
 import importlib
 import operator
+import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -15,6 +16,9 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from sigmapoint.spaces import Euclidean
+
+CANCELLED = 1e-3
+"""Round-off of a mean, relative to the values that it is of, that is not passed over in silence."""
 
 
 def array(name: str, value: Any) -> Array:
@@ -158,6 +162,18 @@ def initial(belief: Any, space: Any) -> None:
     if cov.shape != (tangent, tangent):
         raise ValueError(
             f"initial.cov must be ({tangent}, {tangent}) for a mean of shape {mean.shape}, got {cov.shape}"
+        )
+
+
+def digits(centre: float, dtype: Any) -> None:
+    """A mean is values of the weights' size that cancel: digits are lost to a large weight of the centre."""
+    lost = centre * float(jnp.finfo(dtype).eps)
+    if lost > CANCELLED:
+        warnings.warn(
+            f"the sigma points of this method are so close together that means are good to about {lost:.1g} of a "
+            f"value only in {dtype}: spread them (alpha=1), or compute in 64 bits: "
+            'jax.config.update("jax_enable_x64", True)',
+            stacklevel=4,
         )
 
 

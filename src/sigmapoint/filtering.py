@@ -208,7 +208,9 @@ def fitting(model: StateSpaceModel, method: Method | None) -> Method:
     checks.instance("model", model, StateSpaceModel)
     checks.instance("method", method, Method)
     if isinstance(method.rule, SigmaPointRule):
-        reach = float(abs(method.rule.constants(model.initial.cov.shape[-1]).points).max())
+        constants = method.rule.constants(model.initial.cov.shape[-1])
+        checks.digits(float(abs(constants.mean[0])), model.initial.mean.dtype)
+        reach = float(abs(constants.points).max())
         checks.room(model.initial, reach, model.state_space, model.state_names)
     return method
 
