@@ -95,9 +95,10 @@ def angles(*indices: int, period: float = 2 * jnp.pi) -> Angles:
     try:
         positions = tuple(operator.index(i) for i in indices)
     except TypeError as error:
-        raise ValueError(f"angles: positions must be whole numbers, got {indices}") from error
-    if not period > 0:
-        raise ValueError(f"period, a full turn, must be positive, got {period}")
+        hint = f"; write sp.angles({', '.join(map(str, indices[0]))})" if isinstance(indices[0], list | tuple) else ""
+        raise ValueError(f"angles: positions must be whole numbers, got {indices}{hint}") from error
+    if not isinstance(period, int | float) or not period > 0:
+        raise ValueError(f"angles: period, a full turn, must be a positive number, got {period!r}")
     return Angles(positions, float(period))
 
 

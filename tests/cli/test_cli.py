@@ -203,6 +203,7 @@ def test_bad_model_gets_one_message_that_says_where(files, tmp_path, model, said
 def test_files_that_are_not_there_or_of_another_kind(files, tmp_path):
     model, data = files()
     assert "no such file" in message("run", model, tmp_path / "none.csv")
+    assert "data.csv is data, not Python: the order is MODEL.py, then DATA" in message("run", data, model)
     assert "none.py: no such file" in message("run", tmp_path / "none.py", data)
     (tmp_path / "data.xlsx").write_bytes(b"")
     assert "data must be .csv" in message("run", model, tmp_path / "data.xlsx")

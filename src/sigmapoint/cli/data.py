@@ -18,6 +18,7 @@ from sigmapoint.plotting import titled
 
 HEADER = re.compile(r"^(?P<name>.*?\S)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))$")
 FORMATS = ".csv, .csv.gz or .parquet"
+ENDINGS = (".csv", ".csv.gz", ".parquet")
 
 
 class Column(NamedTuple):
@@ -50,7 +51,7 @@ def read(path: Path) -> pd.DataFrame:
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     name = path.name.lower()
-    if not name.endswith((".csv", ".csv.gz", ".parquet")):
+    if not name.endswith(ENDINGS):
         raise InputError(f"{path}: data must be {FORMATS}")
     frame = _parquet(path) if name.endswith(".parquet") else _csv(path)
     if len(frame) == 0:
