@@ -310,3 +310,24 @@ def test_print_shows_the_verdicts_alone_the_gravest_first(white):
     assert lines[-1].startswith("good     ")
     assert max(map(len, lines)) <= 120
     assert len(lines) < 10
+
+
+def test_an_angle_that_grows_past_what_its_points_have_room_for_is_named():
+    model = sp.StateSpaceModel(
+        lambda x, u: x + jnp.stack([0.1 * x[1], 0.0 * x[0]]),
+        lambda x, u: x[:1],
+        jnp.diag(jnp.array([0.05, 1e-4])),
+        0.01 * jnp.eye(1),
+        sp.Gaussian(jnp.zeros(2), 0.01 * jnp.eye(2)),
+        state_space=sp.angles(0),
+        observation_space=sp.angles(0),
+        state_names=("heading", "rate"),
+    )
+    x, y = sp.simulate(model, 200, key=jax.random.key(0))
+    assert not diagnose(sp.filter(model, y)).wide
+    found = diagnose(sp.filter(model, y.at[50:150].set(jnp.nan)))
+    assert list(found.wide) == ["heading"]
+    assert found.wide["heading"] > np.pi / 2
+    (verdict,) = said(found, "sigma points fold")
+    assert verdict.severity == "warning"
+    assert "heading (up to" in verdict.text

@@ -15,7 +15,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from sigmapoint.spaces import Euclidean
+from sigmapoint.spaces import Euclidean, folded
 
 CANCELLED = 1e-3
 """Round-off of a mean, relative to the values that it is of, that is not passed over in silence."""
@@ -182,11 +182,9 @@ def room(belief: Any, reach: float, space: Any, names: tuple[str, ...]) -> None:
     if isinstance(space, Euclidean) or not (known(belief.mean) and known(belief.cov)):
         return
     std = jnp.sqrt(jnp.diagonal(belief.cov)).astype(belief.mean.dtype)
-    steps = jnp.diag(reach * std)
-    back = jax.vmap(lambda step: space.residual(space.retract(belief.mean, step), belief.mean))(steps)
-    folded = ~np.isclose(back, steps, rtol=1e-3, atol=1e-6 * np.max(std, initial=0.0)).all(1)
-    if folded.any():
-        i = int(np.argmax(folded))
+    comes_back = folded(space, jnp.broadcast_to(belief.mean, (len(std), *belief.mean.shape)), std, reach)
+    if comes_back.any():
+        i = int(np.argmax(comes_back))
         name = names[i] if len(names) == len(std) else f"element {i}"
         raise ValueError(
             f"initial: the standard deviation of {name}, {float(std[i]):.3g}, is too wide for its space: a sigma point "

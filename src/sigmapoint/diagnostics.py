@@ -11,16 +11,20 @@ scatters more than its band says. Errors are *always* correlated in time: the ba
 from textwrap import fill
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from sigmapoint import verdicts
 from sigmapoint.accuracy import Coverage, errors
 from sigmapoint.consistency import Consistency, consistency, normalised
 from sigmapoint.results import Posterior, field, input_columns, measured_rows
+from sigmapoint.spaces import Euclidean, folded
 from sigmapoint.verdicts import Verdict
 from sigmapoint.whiteness import COLUMNS, Element, examined
 
 
+BAND = 2.0
+"""Standard deviations on both sides of an estimate that figures show, and that sigma points are about as far out as."""
 WIDTH = 120
 """Characters in a line of what is printed."""
 
@@ -34,6 +38,8 @@ class Diagnosis(NamedTuple):
     coverage: tuple[Coverage, ...]
     lost: int
     """rows that were measured but have no finite innovation"""
+    wide: dict[str, float]
+    """states whose ±2σ band goes all the way round, as of an angle, and their largest standard deviation"""
     verdicts: tuple[Verdict, ...]
 
     def __str__(self) -> str:
@@ -80,7 +86,22 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
     lost = int((measured & ~(np.isfinite(innovation).any(1) & np.isfinite(nis))).sum())
     nees, covered = (None, ()) if truth is None else _against(post, truth)
     whole = consistency(nis, normal.degrees)
-    return Diagnosis(whole, elements, nees, covered, lost, verdicts.of(whole, elements, nees, covered, lost))
+    wide = _wide(post)
+    said = verdicts.of(whole, elements, nees, covered, lost, wide)
+    return Diagnosis(whole, elements, nees, covered, lost, wide, said)
+
+
+def _wide(post: Posterior) -> dict[str, float]:
+    """Looked for where each element is widest; nothing where `mean` or `std` was not kept."""
+    space = post.labels.state_space
+    if post.mean is None or post.std is None or isinstance(space, Euclidean):
+        return {}
+    mean, std = field(post, "mean"), field(post, "std")
+    rows = np.where(np.isfinite(std), std, 0.0).argmax(0)
+    widest = std[rows, np.arange(rows.size)]
+    around = folded(space, jnp.asarray(mean[rows]), jnp.asarray(widest), BAND)
+    names = post.labels.directions(rows.size).names
+    return {name: float(s) for name, s, all_round in zip(names, widest, around) if all_round and np.isfinite(s)}
 
 
 def _against(post: Posterior, truth: Any) -> tuple[Consistency, tuple[Coverage, ...]]:

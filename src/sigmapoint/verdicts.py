@@ -4,7 +4,7 @@ With many samples every model is detectably wrong, so a verdict asks for two thi
 chance does (the band of the test), and it is large enough to matter (the thresholds below).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -51,9 +51,10 @@ def of(
     nees: Consistency | None,
     coverage: tuple[Coverage, ...],
     lost: int,
+    wide: Mapping[str, float],
 ) -> tuple[Verdict, ...]:
     """Every verdict of a diagnosis, the question of consistency first."""
-    said = [*_lost(lost), *_samples(nis)]
+    said = [*_lost(lost), *_wide(wide), *_samples(nis)]
     if nis.rows:
         said += [_consistent(nis, *NIS), *_whiteness(elements)]
         said += [v for e in elements if e.samples >= FEW for v in (*_bias(e), *_tails(e), *_inputs(e))]
@@ -70,6 +71,19 @@ def _lost(lost: int) -> list[Verdict]:
         "NaN or infinity outside its range, and try a square-root method or a wider initial covariance."
     )
     return [Verdict("bad", text)]
+
+
+def _wide(wide: Mapping[str, float]) -> list[Verdict]:
+    """Sigma points of an angle past half a turn stand for others: the filter then takes the spread for smaller."""
+    if not wide:
+        return []
+    listed = ", ".join(f"{name} (up to {std:.3g})" for name, std in wide.items())
+    text = (
+        f"The spread of {listed} exceeds what its space has room for, half a turn within two standard deviations: "
+        "sigma points fold, and error bars can shrink although nothing is measured. Do not rely on the bars there and "
+        "after; measure it more often, use a smaller process_noise, or hold the angle as its cosine and sine."
+    )
+    return [Verdict("warning", text)]
 
 
 def _samples(nis: Consistency) -> list[Verdict]:
