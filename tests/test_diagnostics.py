@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 import sigmapoint as sp
+from sigmapoint import verdicts
 from sigmapoint.accuracy import errors
 from sigmapoint.consistency import consistency, normalised, row_band
 from sigmapoint.diagnostics import diagnose
@@ -211,10 +212,21 @@ def test_with_truth_errors_are_judged_too(white):
     assert said(worse, "overconfident about the states")
     assert said(worse, "misses the truth too often")
     assert not said(worse, "not a matter of noise levels")
-    assert said(diagnose(made(white, 0.5), 3 * truth), "not a matter of noise levels")
+    both = diagnose(made(white, 0.5), 3 * truth)
+    first = verdicts.gravest_first(both.verdicts)[0]
+    assert "not a matter of noise levels" in first.text
+    assert said(both, "Try a smaller")
+    assert said(both, "Try a larger")
     partly = truth.copy()
     partly[:, 1] = np.nan
     assert diagnose(made(white), partly).nees.degrees == T
+
+
+def test_a_bias_within_two_standard_deviations_is_not_called_good_without_a_word(white):
+    truth = np.full((T, 2), 1.5)
+    (verdict,) = said(diagnose(made(white), truth), "Every ±2σ band")
+    assert "as a bias does and noise does not" in verdict.text
+    assert "(a 0 %, b 0 %)" in verdict.text
 
 
 def test_an_estimate_that_is_not_finite_is_an_error_that_no_bar_covers(white):
@@ -323,7 +335,7 @@ def test_an_angle_that_grows_past_what_its_points_have_room_for_is_named():
         observation_space=sp.angles(0),
         state_names=("heading", "rate"),
     )
-    x, y = sp.simulate(model, 200, key=jax.random.key(0))
+    _, y = sp.simulate(model, 200, key=jax.random.key(0))
     assert not diagnose(sp.filter(model, y)).wide
     found = diagnose(sp.filter(model, y.at[50:150].set(jnp.nan)))
     assert list(found.wide) == ["heading"]

@@ -291,8 +291,8 @@ def columns(measured: int, value: Any) -> None:
     shape = getattr(value, "shape", None)
     if shape is not None and len(shape) == 1 and shape[0] != measured:
         raise ValueError(
-            f"y has {measured} element(s) a row, but observation returns {shape[0]}: y must be (T, {shape[0]}), one row "
-            f"a sample (is it transposed?), and a single sample ({shape[0]},)"
+            f"y has {measured} element(s) a row, but observation returns {shape[0]}: y must be (T, {shape[0]}), "
+            f"one row a sample (is it transposed?), and a single sample ({shape[0]},)"
         )
 
 

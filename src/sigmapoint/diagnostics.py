@@ -22,7 +22,6 @@ from sigmapoint.spaces import Euclidean, folded
 from sigmapoint.verdicts import Verdict
 from sigmapoint.whiteness import COLUMNS, Element, examined
 
-
 BAND = 2.0
 """Standard deviations on both sides of an estimate that figures show, and that sigma points are about as far out as."""
 WIDTH = 120

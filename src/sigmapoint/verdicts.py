@@ -24,6 +24,8 @@ GROSS = 2.0
 """Mean NIS or NEES per degree of freedom above which error bars mislead."""
 CORRELATED, STRONGLY = 0.1, 0.5
 """Correlations that matter, and that dominate."""
+HALF = 0.5
+"""Coverage of ±1σ, nominally 0.68, below which errors are not spread as noise is."""
 CHANCE = 0.001
 """p-value below which a deviation is not chance."""
 NIS = ("NIS", "innovations", "measured element", "the measurements")
@@ -55,11 +57,13 @@ def of(
 ) -> tuple[Verdict, ...]:
     """Every verdict of a diagnosis, the question of consistency first."""
     said = [*_lost(lost), *_wide(wide), *_samples(nis)]
+    if nees is not None and nees.rows:
+        said += _contradiction(nis, nees)  # before the two that it reconciles
     if nis.rows:
         said += [_consistent(nis, *NIS), *_whiteness(elements)]
         said += [v for e in elements if e.samples >= FEW for v in (*_bias(e), *_tails(e), *_inputs(e))]
     if nees is not None and nees.rows:
-        said += [_consistent(nees, *NEES), *_contradiction(nis, nees), *_coverage(coverage)]
+        said += [_consistent(nees, *NEES), *_coverage(coverage)]
     return tuple(said)
 
 
@@ -127,11 +131,11 @@ def _contradiction(nis: Consistency, nees: Consistency) -> list[Verdict]:
     if not (nis.rows and nis.mean < TOLERATED[0] and nees.mean > TOLERATED[1]):
         return []
     text = (
-        "Innovations that are too small beside errors that are too large are not a matter of noise levels: the model "
-        "is off in a way that the measurements hardly show. Look for a parameter or a table that is biased, and "
-        "estimate it as a state."
+        "Innovations that are too small beside errors that are too large are not a matter of noise levels: of the "
+        "advice to lower and to raise them below, follow neither. The model is off in a way that the measurements "
+        "hardly show. Look for a parameter or a table that is biased, and estimate it as a state."
     )
-    return [Verdict("warning", text)]
+    return [Verdict("bad" if nees.mean > GROSS else "warning", text)]
 
 
 def _whiteness(elements: tuple[Element, ...]) -> list[Verdict]:
@@ -200,9 +204,21 @@ def _coverage(states: tuple[Coverage, ...]) -> list[Verdict]:
     if not poor:
         lowest = min((c.within[1] for c in known), default=float("nan"))
         text = f"Every ±2σ band covers the truth at least {100 * lowest:.1f} % of the time (95 % is nominal)."
-        return [Verdict("good", text)] if known else []
+        return [Verdict("good", text + _narrow(known))] if known else []
     worst = sorted(poor, key=lambda c: c.within[1])[:5]
     listed = ", ".join(f"{c.name} {100 * c.within[1]:.0f} %" for c in worst)
     more = f" and {len(poor) - len(worst)} more" if len(poor) > len(worst) else ""
     text = f"The ±2σ band misses the truth too often (95 % is nominal): it covers {listed}{more}. Do not rely on it."
     return [Verdict("bad" if worst[0].within[1] < 0.6 else "warning", text)]
+
+
+def _narrow(states: list[Coverage]) -> str:
+    """What it means that ±1σ covers far less than ±2σ would make one think."""
+    few = [c for c in states if c.within[0] < HALF]
+    if not few:
+        return ""
+    listed = ", ".join(f"{c.name} {100 * c.within[0]:.0f} %" for c in few[:5])
+    return (
+        f" The ±1σ band covers much less than its 68 % ({listed}): the error stays between one and two standard "
+        "deviations for long, as a bias does and noise does not. Rely on ±2σ, not on ±1σ."
+    )

@@ -3,7 +3,8 @@
 With N values measured and N_l pairs of them l samples apart,
 
     ρ_l = mean(z_k z_{k+l}) / mean(z_k²)            of centred z; within ±1.96/√N_l for white noise
-    Q   = (N + 2)/N Σ_l N_l ρ_l²                    ~ χ²(lags with pairs): Ljung & Box (1978), gaps as Stoffer & Toloi (1992)
+    Q   = (N + 2)/N Σ_l N_l ρ_l²                    ~ χ²(lags with N_l > 0): Ljung & Box (1978), gaps as in
+                                                    Stoffer & Toloi (1992)
     J   = N/6 (skewness² + excess kurtosis²/4)      ~ χ²(2): Jarque & Bera (1980)
 
 The correlation with an input column v is taken with v[k] (it enters h) and v[k-1] (it entered f); its standard

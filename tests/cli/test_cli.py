@@ -148,7 +148,7 @@ def test_demo_with_two_methods(tmp_path):
     assert "looked at" in " ".join(shown.split())
     assert {p.name for p in (tmp_path / "demo").iterdir()} == FILES
     methods = json.loads((tmp_path / "demo" / "summary.json").read_text(), parse_constant=pytest.fail)["methods"]
-    assert all(m["soc_rms"] < 2 and 90 < m["coverage"] < 99.5 for m in methods.values())
+    assert all(m["soc_rms_points"] < 2 and 90 < m["coverage_percent"] < 99.5 for m in methods.values())
 
 
 @pytest.mark.parametrize(
