@@ -66,7 +66,7 @@ def _axis(points: Axis, space: Space, size: int, letter: str) -> Axis:
 def measured_rows(y: Float[np.ndarray, "T e"], m: int) -> Bool[np.ndarray, "T"]:
     """Rows of which a filter used something: any element, or only whole rows where an innovation has other elements."""
     known = ~np.isnan(y)
-    return known.any(1) if y.shape[1] == m else known.all(1)
+    return np.asarray(known.any(1) if y.shape[1] == m else known.all(1))
 
 
 class Posterior(eqx.Module):

@@ -111,7 +111,8 @@ def folded(space: Space, points: Float[Array, "n d"], std: Float[Array, " n"], r
     """
     steps = jnp.diag(reach * std)
     back = jax.vmap(lambda point, step: space.residual(space.retract(point, step), point))(points, steps)
-    return ~np.isclose(back, steps, rtol=1e-3, atol=1e-6 * float(np.max(std, initial=0.0))).all(1)
+    same = np.isclose(back, steps, rtol=1e-3, atol=1e-6 * float(np.max(std, initial=0.0)))
+    return np.asarray(~same.all(1))
 
 
 def same_elements(space: Space) -> bool:
