@@ -278,7 +278,7 @@ def called(name: str, function: Any, *args: Any) -> Any:
         raise
     except (TypeError, AttributeError) as error:
         if args[1] is None and "None" in str(error):
-            error.add_note(f"{name} was called with u=None: pass u=..., one row for each row of y")
+            error.add_note(f"{name} was called with u=None: pass u=... (to update and predict of sp.online, too)")
         raise
     except KeyError as error:
         if isinstance(args[1], Mapping) and error.args[:1] and error.args[0] not in args[1]:
