@@ -91,7 +91,21 @@ CASES = {
         r"observation must return an array of shape \(1,\)",
     ),
     "y one-dimensional": (lambda: run(y=np.ones(5)), r"y must be \(T, m\).*y\[:, None\]"),
-    "y too wide": (lambda: run(y=np.ones((5, 3))), "observation_noise must be.*for a row of y of 3"),
+    "y too wide": (lambda: run(y=np.ones((5, 3))), r"y has 3 element.*observation returns 1.*\(T, 1\).*transposed"),
+    "y transposed, with names": (
+        lambda: run(y=np.ones((1, 5)), observation_names=("a",)),
+        "observation_names must be 5 .*is y transposed",
+    ),
+    "online y too long": (
+        lambda: sp.online(model()).update(sp.online(model()).init(), [1.0, 2.0]),
+        r"y has 2 element.*observation returns 1.*single sample \(1,\)",
+    ),
+    "y masked": (
+        lambda: run(y=np.ma.masked_invalid([[1.0], [np.nan]])),
+        r"y must not be a masked array: pass y.astype\(float\).filled\(np.nan\)",
+    ),
+    "u masked": (lambda: run(u={"a": np.ma.masked_equal(np.arange(5), 3)}), r"u\['a'\] must not be a masked array"),
+    "u of strings": (lambda: run(u={"a": np.array(list("abcde"))}), r"u\['a'\] must be an array of numbers, .* of <U1"),
     "y empty": (lambda: run(y=np.ones((0, 1))), "y has no rows"),
     "y without columns": (lambda: run(y=np.ones((5, 0))), "y has no columns"),
     "y of strings": (lambda: run(y=[["a"]]), "y must be an array"),
@@ -99,7 +113,7 @@ CASES = {
     "NaN in u": (lambda: run(u={"a": np.array([0.0, np.nan, 0, 0, 0])}), r"u\['a'\] has 1 NaN.*index \(1,\)"),
     "u too short": (lambda: run(u=np.ones(4)), "u must have one row for each of the 5"),
     "u a number": (lambda: run(u=3.0), "u must have one row"),
-    "R of the wrong size": (lambda: run(observation_noise=EYE2), "observation_noise must be"),
+    "R of the wrong size": (lambda: run(observation_noise=EYE2), r"observation_noise must be \(1, 1\)"),
     "keep unknown": (lambda: sp.filter(model(), np.ones((3, 1)), keep=("mean", "median")), "keep has unknown.*median"),
     "keep a number": (lambda: sp.filter(model(), np.ones((3, 1)), keep=3), "keep must be names out of mean, .*got 3"),
     "model not a model": (lambda: sp.filter(f, np.ones((3, 1))), "model must be a sp.StateSpaceModel"),
@@ -156,6 +170,13 @@ CASES = {
     "a key that is none": (lambda: sp.simulate(model(), 3, key="0"), "key must be"),
     "angles of half an element": (lambda: sp.angles(0.5), "angles: positions must be whole numbers"),
     "angles without indices": (lambda: sp.angles(), "angles"),
+    "angles as a list": (lambda: sp.angles([0, 1]), r"angles: positions.*write sp.angles\(0, 1\)"),
+    "a turn of letters": (lambda: sp.angles(0, period="a"), "angles: period, a full turn, must be a positive number"),
+    "black box without a value": (
+        lambda: run(dynamics=sp.blackbox(lambda x, u: [None, 1.0])),
+        "blackbox: the function must return real numbers, got object: None",
+    ),
+    "black box of no elements": (lambda: sp.blackbox(f, size=0), "blackbox: size must be a whole number of at least 1"),
 }
 
 
@@ -204,6 +225,25 @@ def test_a_model_that_computes_with_numpy_is_told_what_to_write():
     with pytest.raises(jax.errors.TracerArrayConversionError) as error:
         run(dynamics=lambda x, u: np.sin(x))
     assert "write jnp.sin for np.sin" in error.value.__notes__[0]
+
+
+def test_a_model_is_told_which_input_is_missing():
+    with pytest.raises(TypeError, match="NoneType") as error:
+        run(dynamics=lambda x, u: x + u["push"])
+    assert "dynamics was called with u=None: pass u=" in error.value.__notes__[0]
+    with pytest.raises(KeyError, match="tq") as error:
+        run(u={"torque": np.ones(5)}, dynamics=lambda x, u: x + u["tq"])
+    assert "dynamics was called with a u that has the keys 'torque'" in error.value.__notes__[0]
+
+
+def test_points_too_close_together_for_single_precision_are_named():
+    eye = [jnp.eye(n, dtype=jnp.float32) for n in (1, 2)]
+    start = sp.Gaussian(jnp.zeros(2, jnp.float32), eye[1])
+    small = model(process_noise=eye[1], observation_noise=eye[0], initial=start)
+    with pytest.warns(UserWarning, match=r"good to about 0.1 of a value only in float32: spread them \(alpha=1\)"):
+        sp.filter(small, np.ones((3, 1)), method=sp.srukf(alpha=1e-3))
+    sp.filter(small, np.ones((3, 1)), method=sp.srukf(alpha=0.1))
+    sp.filter(model(), np.ones((3, 1)), method=sp.srukf(alpha=1e-3))
 
 
 def test_a_seed_is_a_key():

@@ -2,6 +2,7 @@
 
 import ctypes
 import ctypes.util
+import pickle
 import traceback
 import weakref
 from concurrent.futures import ThreadPoolExecutor
@@ -111,6 +112,14 @@ def test_an_exception_inside_arrives_with_its_own_type_and_traceback(run):
         run(model(sp.blackbox(failing_step)), Y, U, sp.srukf())
     assert "failing_step" in "".join(traceback.format_tb(caught.value.__traceback__))
     sp.filter(model(sp.blackbox(python_step)), Y, U, sp.srukf())  # and the next run is not disturbed
+
+
+def test_a_lambda_with_workers_is_told_what_to_write():
+    box = sp.blackbox(lambda x, u: x, workers=1)
+    with pytest.raises((AttributeError, pickle.PicklingError)) as caught:
+        sp.filter(model(box), Y, U, sp.srukf())
+    assert "not as a lambda" in caught.value.__notes__[0]
+    box.close()
 
 
 def test_an_exception_in_a_worker_arrives_too():

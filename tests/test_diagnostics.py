@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 import sigmapoint as sp
+from sigmapoint import verdicts
 from sigmapoint.accuracy import errors
 from sigmapoint.consistency import consistency, normalised, row_band
 from sigmapoint.diagnostics import diagnose
@@ -118,6 +119,13 @@ def test_wrong_error_bars_are_named_with_what_to_try(white, scale, severity, wor
     assert verdict.severity == severity
 
 
+def test_what_is_outside_the_band_but_too_little_to_matter_says_so(white):
+    (verdict,) = said(diagnose(made(white, 1.17**0.5)), "The error bars fit the innovations")
+    assert verdict.severity == "good"
+    assert "(slightly outside, too little to matter)" in verdict.text
+    assert not said(diagnose(made(white)), "slightly outside")
+
+
 def test_a_few_outliers_are_not_called_a_wrong_noise(white):
     hit = white.copy()
     hit[::100] *= 20
@@ -147,6 +155,28 @@ def test_ljung_box_agrees_with_its_formula_and_its_distribution():
     np.testing.assert_allclose(rho * pairs / 500, textbook, rtol=1e-10)
     Q = 500 * 502 * np.sum(textbook**2 / (500 - np.arange(1, LAGS + 1)))
     np.testing.assert_allclose(502 / 500 * pairs @ rho**2, Q, rtol=1e-10)
+
+
+def test_the_band_of_a_lag_is_as_wide_as_its_pairs_are_few():
+    rng, beyond, lags, called = np.random.default_rng(8), 0, 0, 0
+    for _ in range(50):
+        z = np.where(rng.random((300, 2)) < 0.25, rng.normal(size=(300, 2)), np.nan)
+        found = diagnose(made(z, cov=np.eye(2)))
+        called += len(said(found, "correlated in time ("))
+        for e in found.elements:
+            rho, pairs = autocorrelation(e.white, e.band.size)
+            np.testing.assert_allclose(e.band, 1.96 / np.sqrt(pairs))
+            beyond, lags = beyond + (np.abs(rho) > e.band).sum(), lags + rho.size
+    assert abs(beyond / lags - 0.05) < 5 * (0.05 * 0.95 / lags) ** 0.5
+    assert called <= 1  # of 100, at a level of 0.001
+
+
+def test_lags_that_no_two_values_are_apart_say_nothing():
+    rng = np.random.default_rng(9)
+    z = np.full((400, 2), np.nan)
+    z[::4] = rng.normal(size=(100, 2))
+    e = diagnose(made(z, cov=np.eye(2))).elements[0]
+    np.testing.assert_array_equal(np.isfinite(e.band), np.arange(1, LAGS + 1) % 4 == 0)
 
 
 def test_an_input_that_innovations_follow_is_named(white):
@@ -182,10 +212,21 @@ def test_with_truth_errors_are_judged_too(white):
     assert said(worse, "overconfident about the states")
     assert said(worse, "misses the truth too often")
     assert not said(worse, "not a matter of noise levels")
-    assert said(diagnose(made(white, 0.5), 3 * truth), "not a matter of noise levels")
+    both = diagnose(made(white, 0.5), 3 * truth)
+    first = verdicts.gravest_first(both.verdicts)[0]
+    assert "not a matter of noise levels" in first.text
+    assert said(both, "Try a smaller")
+    assert said(both, "Try a larger")
     partly = truth.copy()
     partly[:, 1] = np.nan
     assert diagnose(made(white), partly).nees.degrees == T
+
+
+def test_a_bias_within_two_standard_deviations_is_not_called_good_without_a_word(white):
+    truth = np.full((T, 2), 1.5)
+    (verdict,) = said(diagnose(made(white), truth), "Every ±2σ band")
+    assert "as a bias does and noise does not" in verdict.text
+    assert "(a 0 %, b 0 %)" in verdict.text
 
 
 def test_an_estimate_that_is_not_finite_is_an_error_that_no_bar_covers(white):
@@ -264,3 +305,41 @@ def test_quantiles_keep_both_tails():
     at, values = quantiles(z)
     assert at.size <= 400
     assert (values[0], values[-1]) == (z.min(), z.max())
+
+
+def test_a_partly_missing_row_on_a_manifold_was_not_measured(unit_vector):
+    model, y = unit_vector(400)
+    post = sp.filter(model, y.at[20, 0].set(jnp.nan))
+    found = diagnose(post)
+    assert found.lost == 0
+    assert {v.severity for v in found.verdicts} == {"good"}
+    assert np.isnan(post.to_frame()["nis"][20])
+
+
+def test_print_shows_the_verdicts_alone_the_gravest_first(white):
+    lines = str(diagnose(made(white, 3.0**0.5))).splitlines()
+    assert lines[0].startswith("bad      The filter is overconfident")
+    assert lines[-1].startswith("good     ")
+    assert max(map(len, lines)) <= 120
+    assert len(lines) < 10
+
+
+def test_an_angle_that_grows_past_what_its_points_have_room_for_is_named():
+    model = sp.StateSpaceModel(
+        lambda x, u: x + jnp.stack([0.1 * x[1], 0.0 * x[0]]),
+        lambda x, u: x[:1],
+        jnp.diag(jnp.array([0.05, 1e-4])),
+        0.01 * jnp.eye(1),
+        sp.Gaussian(jnp.zeros(2), 0.01 * jnp.eye(2)),
+        state_space=sp.angles(0),
+        observation_space=sp.angles(0),
+        state_names=("heading", "rate"),
+    )
+    _, y = sp.simulate(model, 200, key=jax.random.key(0))
+    assert not diagnose(sp.filter(model, y)).wide
+    found = diagnose(sp.filter(model, y.at[50:150].set(jnp.nan)))
+    assert list(found.wide) == ["heading"]
+    assert found.wide["heading"] > np.pi / 2
+    (verdict,) = said(found, "sigma points fold")
+    assert verdict.severity == "warning"
+    assert "heading (up to" in verdict.text

@@ -2,6 +2,7 @@
 
 import os
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -28,6 +29,11 @@ def test_a_result_can_be_saved(tmp_path):
     post = sp.filter(model, np.ones((4, 1)))
     sp.save(tmp_path / "post", post)
     np.testing.assert_array_equal(sp.load(tmp_path / "post", like=post).mean, post.mean)
+    back = sp.load(tmp_path / "post", like=jax.eval_shape(lambda: sp.filter(model, np.zeros((4, 1)))))
+    np.testing.assert_array_equal(back.cov, post.cov)
+    assert back.labels == post.labels
+    with pytest.raises(ValueError, match=r"in the file but float64\(5, 1\) in `like`"):
+        sp.load(tmp_path / "post", like=jax.eval_shape(lambda: sp.filter(model, np.zeros((5, 1)))))
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):

@@ -8,6 +8,7 @@ and the exception is kept until the ticket comes back.
 
 import itertools
 import multiprocessing
+import pickle
 import re
 import threading
 from collections.abc import Callable
@@ -70,7 +71,7 @@ class Blackbox:
             batch = args[0].shape[:-1]
             rows = jax.tree.map(lambda a: a.reshape((-1, *a.shape[len(batch) :])), args)
             values = self._rows(rows, int(np.prod(batch, dtype=int)))
-            values = np.asarray(values, dtype)
+            values = _real(values).astype(dtype)
             if values.shape != (int(np.prod(batch, dtype=int)), size):
                 expected = f"(rows, {size})" if self._vectorized else f"({size},)"
                 got = values.shape if self._vectorized else values.shape[1:]
@@ -86,10 +87,30 @@ class Blackbox:
         if self._workers == 0:
             return [self._function(*row) for row in each]
         if self._pool is None:
+            _sendable(self._function)
             # `spawn`: a forked child would inherit the locks of JAX's threads.
             self._pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"))
         share = -(-count // self._workers)
         return list(self._pool.map(_star, [self._function] * count, each, chunksize=share))
+
+
+def _real(values: Any) -> np.ndarray:
+    """As an array; None and text are no numbers, though NumPy would make NaN or digits of them."""
+    made = np.asarray(values)
+    if made.dtype.kind not in "biuf":
+        raise ValueError(f"blackbox: the function must return real numbers, got {made.dtype}: {made.flat[0]!r}")
+    return made
+
+
+def _sendable(function: Callable[..., Any]) -> None:
+    try:
+        pickle.dumps(function)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        error.add_note(
+            "blackbox: with workers the function is sent to other processes: define it with `def` at the top of a "
+            "module, not as a lambda or inside a function"
+        )
+        raise
 
 
 def _star(function: Callable[..., Any], row: tuple[Any, ...]) -> Any:

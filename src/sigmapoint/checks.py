@@ -5,7 +5,8 @@ Values are looked at only where they are known: under `jax.jit`, `grad` or `vmap
 
 import importlib
 import operator
-from collections.abc import Iterable
+import warnings
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import jax
@@ -14,11 +15,15 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from sigmapoint.spaces import Euclidean
+from sigmapoint.spaces import Euclidean, folded
+
+CANCELLED = 1e-3
+"""Round-off of a mean, relative to the values that it is of, that is not passed over in silence."""
 
 
 def array(name: str, value: Any) -> Array:
     """As a floating-point array."""
+    unmasked(name, value)
     try:
         made = jnp.asarray(value)
     except (TypeError, ValueError) as error:
@@ -28,6 +33,12 @@ def array(name: str, value: Any) -> Array:
     if not jnp.issubdtype(made.dtype, jnp.floating):
         made = made.astype(float)
     return made
+
+
+def unmasked(name: str, value: Any) -> None:
+    """No mask, which JAX drops: what is missing is NaN here."""
+    if isinstance(value, np.ma.MaskedArray):
+        raise ValueError(f"{name} must not be a masked array: pass {name}.astype(float).filled(np.nan)")
 
 
 def whole(name: str, value: Any, least: int) -> int:
@@ -154,16 +165,26 @@ def initial(belief: Any, space: Any) -> None:
         )
 
 
+def digits(centre: float, dtype: Any) -> None:
+    """A mean is values of the weights' size that cancel: digits are lost to a large weight of the centre."""
+    lost = centre * float(jnp.finfo(dtype).eps)
+    if lost > CANCELLED:
+        warnings.warn(
+            f"the sigma points of this method are so close together that means are good to about {lost:.1g} of a "
+            f"value only in {dtype}: spread them (alpha=1), or compute in 64 bits: "
+            'jax.config.update("jax_enable_x64", True)',
+            stacklevel=4,
+        )
+
+
 def room(belief: Any, reach: float, space: Any, names: tuple[str, ...]) -> None:
     """Points `reach` standard deviations out stay where they are put; an angle past half a turn does not."""
     if isinstance(space, Euclidean) or not (known(belief.mean) and known(belief.cov)):
         return
     std = jnp.sqrt(jnp.diagonal(belief.cov)).astype(belief.mean.dtype)
-    steps = jnp.diag(reach * std)
-    back = jax.vmap(lambda step: space.residual(space.retract(belief.mean, step), belief.mean))(steps)
-    folded = ~np.isclose(back, steps, rtol=1e-3, atol=1e-6 * np.max(std, initial=0.0)).all(1)
-    if folded.any():
-        i = int(np.argmax(folded))
+    comes_back = folded(space, jnp.broadcast_to(belief.mean, (len(std), *belief.mean.shape)), std, reach)
+    if comes_back.any():
+        i = int(np.argmax(comes_back))
         name = names[i] if len(names) == len(std) else f"element {i}"
         raise ValueError(
             f"initial: the standard deviation of {name}, {float(std[i]):.3g}, is too wide for its space: a sigma point "
@@ -228,10 +249,13 @@ def inputs(u: Any, T: int | None, dtype: Any) -> Any:
 
     def leaf(path: Any, value: Any) -> Array:
         name = "u" + jax.tree_util.keystr(path)
+        unmasked(name, value)
         try:
             made = jnp.asarray(value)
         except TypeError as error:
-            raise ValueError(f"{name} must be an array, got {type(value).__name__}") from error
+            kind = getattr(value, "dtype", None)
+            got = type(value).__name__ if kind is None else f"an array of {kind}"
+            raise ValueError(f"{name} must be an array of numbers, got {got}") from error
         if T is not None and (made.ndim == 0 or made.shape[0] != T):
             raise ValueError(f"{name} must have one row for each of the {T} rows of y, got shape {made.shape}")
         if jnp.issubdtype(made.dtype, jnp.floating):
@@ -243,7 +267,7 @@ def inputs(u: Any, T: int | None, dtype: Any) -> Any:
 
 
 def called(name: str, function: Any, *args: Any) -> Any:
-    """`function(*args)`; where it computes with NumPy, an error that says what to write in its place."""
+    """`function(*args)`; an error of the usual kinds says what to write, or what of the input was not given."""
     try:
         return function(*args)
     except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError) as error:
@@ -252,6 +276,24 @@ def called(name: str, function: Any, *args: Any) -> Any:
             "that cannot be traced, sp.blackbox(function)"
         )
         raise
+    except (TypeError, AttributeError) as error:
+        if args[1] is None and "None" in str(error):
+            error.add_note(f"{name} was called with u=None: pass u=... (to update and predict of sp.online, too)")
+        raise
+    except KeyError as error:
+        if isinstance(args[1], Mapping) and error.args[:1] and error.args[0] not in args[1]:
+            error.add_note(f"{name} was called with a u that has the keys {', '.join(map(repr, args[1]))}")
+        raise
+
+
+def columns(measured: int, value: Any) -> None:
+    """A row of y has as many elements as the vector that the observation function returns."""
+    shape = getattr(value, "shape", None)
+    if shape is not None and len(shape) == 1 and shape[0] != measured:
+        raise ValueError(
+            f"y has {measured} element(s) a row, but observation returns {shape[0]}: y must be (T, {shape[0]}), "
+            f"one row a sample (is it transposed?), and a single sample ({shape[0]},)"
+        )
 
 
 def returned(name: str, value: Any, shape: tuple[int, ...], meaning: str) -> Array:

@@ -8,16 +8,24 @@ Innovations of a consistent filter are white, so the band of the mean NIS holds;
 scatters more than its band says. Errors are *always* correlated in time: the band of the mean NEES is a guide.
 """
 
+from textwrap import fill
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from sigmapoint import verdicts
 from sigmapoint.accuracy import Coverage, errors
 from sigmapoint.consistency import Consistency, consistency, normalised
-from sigmapoint.results import Posterior, field, input_columns
+from sigmapoint.results import Posterior, field, input_columns, measured_rows
+from sigmapoint.spaces import Euclidean, folded
 from sigmapoint.verdicts import Verdict
 from sigmapoint.whiteness import COLUMNS, Element, examined
+
+BAND = 2.0
+"""Standard deviations on both sides of an estimate that figures show, and that sigma points are about as far out as."""
+WIDTH = 120
+"""Characters in a line of what is printed."""
 
 
 class Diagnosis(NamedTuple):
@@ -29,7 +37,16 @@ class Diagnosis(NamedTuple):
     coverage: tuple[Coverage, ...]
     lost: int
     """rows that were measured but have no finite innovation"""
+    wide: dict[str, float]
+    """states whose ±2σ band goes all the way round, as of an angle, and their largest standard deviation"""
     verdicts: tuple[Verdict, ...]
+
+    def __str__(self) -> str:
+        """The verdicts, the gravest first; the numbers are in the fields."""
+        return "\n".join(
+            fill(v.text, WIDTH, initial_indent=f"{v.severity:<9}", subsequent_indent=9 * " ")
+            for v in verdicts.gravest_first(self.verdicts)
+        )
 
 
 def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
@@ -41,7 +58,7 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
 
     Returns:
         NIS, tests of the innovations of each measured quantity, NEES and coverage, and `verdicts`: sentences with a
-        severity, `good`, `warning` or `bad`.
+        severity, `good`, `warning` or `bad`. `print` shows these alone.
 
     Raises:
         ValueError: a field was not kept; a batch of results; a truth of another shape.
@@ -53,19 +70,37 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
         >>> x, y = sp.simulate(model, 500, key=jax.random.key(0))
-        >>> {verdict.severity for verdict in diagnose(sp.filter(model, y), truth=x).verdicts}
+        >>> found = diagnose(sp.filter(model, y), truth=x)
+        >>> {verdict.severity for verdict in found.verdicts}
         {'good'}
+        >>> print(str(found).splitlines()[0])
+        good     The error bars fit the innovations: mean NIS ... per measured element, expected 0.88 to 1.13; ...
     """
     innovation, nis = field(post, "innovation"), field(post, "nis")
     normal = normalised(innovation, field(post, "innovation_cov"))
     inputs = dict(list(input_columns(post.u, len(nis)).items())[:COLUMNS])
     names = post.labels.innovations(innovation.shape[1]).names
     elements = tuple(examined(name, z, inputs) for name, z in zip(names, normal.white.T))
-    measured = np.isfinite(np.asarray(post.y)).any(1)
+    measured = measured_rows(field(post, "y"), innovation.shape[1])
     lost = int((measured & ~(np.isfinite(innovation).any(1) & np.isfinite(nis))).sum())
     nees, covered = (None, ()) if truth is None else _against(post, truth)
     whole = consistency(nis, normal.degrees)
-    return Diagnosis(whole, elements, nees, covered, lost, verdicts.of(whole, elements, nees, covered, lost))
+    wide = _wide(post)
+    said = verdicts.of(whole, elements, nees, covered, lost, wide)
+    return Diagnosis(whole, elements, nees, covered, lost, wide, said)
+
+
+def _wide(post: Posterior) -> dict[str, float]:
+    """Looked for where each element is widest; nothing where `mean` or `std` was not kept."""
+    space = post.labels.state_space
+    if post.mean is None or post.std is None or isinstance(space, Euclidean):
+        return {}
+    mean, std = field(post, "mean"), field(post, "std")
+    rows = np.where(np.isfinite(std), std, 0.0).argmax(0)
+    widest = std[rows, np.arange(rows.size)]
+    around = folded(space, jnp.asarray(mean[rows]), jnp.asarray(widest), BAND)
+    names = post.labels.directions(rows.size).names
+    return {name: float(s) for name, s, all_round in zip(names, widest, around) if all_round and np.isfinite(s)}
 
 
 def _against(post: Posterior, truth: Any) -> tuple[Consistency, tuple[Coverage, ...]]:

@@ -107,7 +107,10 @@ class Filter(NamedTuple):
         def h(*args: Any) -> Array:
             value = checks.called("observation", model.observation, *args)
             if observed is not None:
+                checks.columns(observed[0], value)
                 value = checks.returned("observation", value, observed, "one element for each column of y")
+                size = jax.eval_shape(model.observation_space.residual, value, value).shape[0]
+                model.observation_noise.fits("observation_noise", size, "row of y")
             return jnp.asarray(value).astype(dtype)
 
         noises = self.process.at(k), self.observation.at(k)
@@ -128,7 +131,6 @@ class Filter(NamedTuple):
         """The belief after a measurement; elements that are NaN were not measured."""
         belief, fs = state.belief, self.functions(state.step, y.shape)
         active = _measured(y, jax.eval_shape(fs.observation_space.residual, y, y).shape[0])
-        self.model.observation_noise.fits("observation_noise", active.shape[0], "row of y")
         joint = self.method.carry.measurement(self.method.rule, belief, state.points, fs, u)
         y_known = jnp.where(jnp.isnan(y), joint.value.mean, y)
         innovation = jnp.where(active, fs.observation_space.residual(y_known, joint.value.mean), 0.0)
@@ -206,7 +208,9 @@ def fitting(model: StateSpaceModel, method: Method | None) -> Method:
     checks.instance("model", model, StateSpaceModel)
     checks.instance("method", method, Method)
     if isinstance(method.rule, SigmaPointRule):
-        reach = float(abs(method.rule.constants(model.initial.cov.shape[-1]).points).max())
+        constants = method.rule.constants(model.initial.cov.shape[-1])
+        checks.digits(float(abs(constants.mean[0])), model.initial.mean.dtype)
+        reach = float(abs(constants.points).max())
         checks.room(model.initial, reach, model.state_space, model.state_names)
     return method
 

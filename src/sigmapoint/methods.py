@@ -77,7 +77,8 @@ def ukf(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> Method:
     """Unscented Kalman filter (Wan & van der Merwe 2001, Table 7.3.2).
 
     Args:
-        alpha: spread of the points, relative; small values (1e-3) look only near the mean, and lose digits in float32.
+        alpha: spread of the points, relative; small values (1e-3) look only near the mean, and lose digits in float32
+            (a warning says so).
         beta: knowledge of the prior's tails; 2 is best for Gaussians.
         kappa: secondary spread; 0, or 3 − n.
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from sigmapoint.checks import known
 from sigmapoint.spaces import Euclidean, Space, same_elements
@@ -36,7 +36,9 @@ class Labels(eqx.Module):
         for name in ("observation_names", "observation_units"):
             given = getattr(model, name)
             if given is not None and len(given) != measured:
-                raise ValueError(f"{name} must be {measured} string(s), one for each column of y, got {given!r}")
+                raise ValueError(
+                    f"{name} must be {measured} string(s), one for each column of y, got {given!r}; is y transposed?"
+                )
         return cls(
             model.state_names,
             model.state_units,
@@ -59,6 +61,12 @@ def _axis(points: Axis, space: Space, size: int, letter: str) -> Axis:
     """Of differences: named as the points where there are as many; without units where those may be others."""
     names = points.names if size == len(points.names) else tuple(f"{letter}{i}" for i in range(size))
     return Axis(names, points.units if same_elements(space) else ("",) * size)
+
+
+def measured_rows(y: Float[np.ndarray, "T e"], m: int) -> Bool[np.ndarray, "T"]:
+    """Rows of which a filter used something: any element, or only whole rows where an innovation has other elements."""
+    known = ~np.isnan(y)
+    return np.asarray(known.any(1) if y.shape[1] == m else known.all(1))
 
 
 class Posterior(eqx.Module):

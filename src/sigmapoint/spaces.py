@@ -9,8 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float
 
 
 @runtime_checkable
@@ -95,10 +97,22 @@ def angles(*indices: int, period: float = 2 * jnp.pi) -> Angles:
     try:
         positions = tuple(operator.index(i) for i in indices)
     except TypeError as error:
-        raise ValueError(f"angles: positions must be whole numbers, got {indices}") from error
-    if not period > 0:
-        raise ValueError(f"period, a full turn, must be positive, got {period}")
+        hint = f"; write sp.angles({', '.join(map(str, indices[0]))})" if isinstance(indices[0], list | tuple) else ""
+        raise ValueError(f"angles: positions must be whole numbers, got {indices}{hint}") from error
+    if not isinstance(period, int | float) or not period > 0:
+        raise ValueError(f"angles: period, a full turn, must be a positive number, got {period!r}")
     return Angles(positions, float(period))
+
+
+def folded(space: Space, points: Float[Array, "n d"], std: Float[Array, " n"], reach: float) -> Bool[np.ndarray, " n"]:
+    """Whether `reach` standard deviations along element i from `points[i]` come back as another step.
+
+    A step along an angle does past half a turn: a sigma point put there stands for another one.
+    """
+    steps = jnp.diag(reach * std)
+    back = jax.vmap(lambda point, step: space.residual(space.retract(point, step), point))(points, steps)
+    same = np.isclose(back, steps, rtol=1e-3, atol=1e-6 * float(np.max(std, initial=0.0)))
+    return np.asarray(~same.all(1))
 
 
 def same_elements(space: Space) -> bool:

@@ -53,14 +53,15 @@ def load(path: str | os.PathLike[str], like: Tree) -> Tree:
 
     Args:
         path: the file.
-        like: a tree of the same structure, shapes and dtypes, for instance a fresh `init()`.
+        like: a tree of the same structure, shapes and dtypes, for instance a fresh `init()`; of arrays, or of
+            `jax.ShapeDtypeStruct` as `jax.eval_shape` makes them without computing anything.
 
     Raises:
         FileNotFoundError: no such file.
         ValueError: not a file of `save`, or one of another structure; the message names the first difference.
 
     Examples:
-        >>> import tempfile, pathlib, jax.numpy as jnp, sigmapoint as sp
+        >>> import tempfile, pathlib, jax, jax.numpy as jnp, sigmapoint as sp
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
         >>> live = sp.online(model)
@@ -69,6 +70,16 @@ def load(path: str | os.PathLike[str], like: Tree) -> Tree:
         ...     state = sp.load(pathlib.Path(folder) / "state.npz", like=live.init())
         >>> int(state.step)
         1
+
+        A result, in a process that has the model but not the result: T rows were filtered.
+
+        >>> T = 4
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     sp.save(pathlib.Path(folder) / "post.npz", sp.filter(model, jnp.ones((T, 1))))
+        ...     like = jax.eval_shape(lambda: sp.filter(model, jnp.zeros((T, 1))))
+        ...     post = sp.load(pathlib.Path(folder) / "post.npz", like=like)
+        >>> post.mean.shape
+        (4, 1)
     """
     try:
         with np.load(path, allow_pickle=False) as archive:
@@ -85,7 +96,7 @@ def load(path: str | os.PathLike[str], like: Tree) -> Tree:
         )
     restored = []
     for i, (where, leaf) in enumerate(leaves):
-        array, shape, dtype = stored[f"leaf{i}"], np.shape(leaf), jnp.asarray(leaf).dtype
+        array, shape, dtype = stored[f"leaf{i}"], np.shape(leaf), jnp.result_type(leaf)
         if array.shape != shape or array.dtype != dtype:
             name = jax.tree_util.keystr(where)
             raise ValueError(f"load: {name} is {array.dtype}{array.shape} in the file but {dtype}{shape} in `like`")

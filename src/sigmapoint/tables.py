@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from sigmapoint import checks
-from sigmapoint.results import Axis, Posterior, check_single, host, input_columns
+from sigmapoint.results import Axis, Posterior, check_single, host, input_columns, measured_rows
 
 
 def to_xarray(post: Posterior, time: Any = None) -> Any:
@@ -153,7 +153,8 @@ def _naive(t: Any) -> Any:
 
 def _nis(post: Posterior) -> np.ndarray:
     """NaN, not 0, where nothing was measured: a file has no degrees of freedom beside it."""
-    return np.where(np.isnan(host(post.y)).all(1), np.nan, host(post.nis))
+    used = measured_rows(host(post.y), len(_innovations(post).names))
+    return np.where(used, host(post.nis), np.nan)
 
 
 def _errors(post: Posterior) -> Axis:

@@ -4,9 +4,11 @@ With many samples every model is detectably wrong, so a verdict asks for two thi
 chance does (the band of the test), and it is large enough to matter (the thresholds below).
 """
 
+from collections.abc import Iterable, Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
+from jaxtyping import Bool
 
 from sigmapoint.accuracy import Coverage
 from sigmapoint.consistency import Consistency
@@ -22,6 +24,8 @@ GROSS = 2.0
 """Mean NIS or NEES per degree of freedom above which error bars mislead."""
 CORRELATED, STRONGLY = 0.1, 0.5
 """Correlations that matter, and that dominate."""
+HALF = 0.5
+"""Coverage of ±1σ, nominally 0.68, below which errors are not spread as noise is."""
 CHANCE = 0.001
 """p-value below which a deviation is not chance."""
 NIS = ("NIS", "innovations", "measured element", "the measurements")
@@ -35,20 +39,31 @@ class Verdict(NamedTuple):
     text: str
 
 
+RANK = {"bad": 0, "warning": 1, "good": 2}
+
+
+def gravest_first(verdicts: Iterable[Verdict]) -> list[Verdict]:
+    """In the order in which they should be read."""
+    return sorted(verdicts, key=lambda verdict: RANK[verdict.severity])
+
+
 def of(
     nis: Consistency,
     elements: tuple[Element, ...],
     nees: Consistency | None,
     coverage: tuple[Coverage, ...],
     lost: int,
+    wide: Mapping[str, float],
 ) -> tuple[Verdict, ...]:
     """Every verdict of a diagnosis, the question of consistency first."""
-    said = [*_lost(lost), *_samples(nis)]
+    said = [*_lost(lost), *_wide(wide), *_samples(nis)]
+    if nees is not None and nees.rows:
+        said += _contradiction(nis, nees)  # before the two that it reconciles
     if nis.rows:
         said += [_consistent(nis, *NIS), *_whiteness(elements)]
         said += [v for e in elements if e.samples >= FEW for v in (*_bias(e), *_tails(e), *_inputs(e))]
     if nees is not None and nees.rows:
-        said += [_consistent(nees, *NEES), *_contradiction(nis, nees), *_coverage(coverage)]
+        said += [_consistent(nees, *NEES), *_coverage(coverage)]
     return tuple(said)
 
 
@@ -60,6 +75,19 @@ def _lost(lost: int) -> list[Verdict]:
         "NaN or infinity outside its range, and try a square-root method or a wider initial covariance."
     )
     return [Verdict("bad", text)]
+
+
+def _wide(wide: Mapping[str, float]) -> list[Verdict]:
+    """Sigma points of an angle past half a turn stand for others: the filter then takes the spread for smaller."""
+    if not wide:
+        return []
+    listed = ", ".join(f"{name} (up to {std:.3g})" for name, std in wide.items())
+    text = (
+        f"The spread of {listed} exceeds what its space has room for, half a turn within two standard deviations: "
+        "sigma points fold, and error bars can shrink although nothing is measured. Do not rely on the bars there and "
+        "after; measure it more often, use a smaller process_noise, or hold the angle as its cosine and sine."
+    )
+    return [Verdict("warning", text)]
 
 
 def _samples(nis: Consistency) -> list[Verdict]:
@@ -74,7 +102,9 @@ def _consistent(c: Consistency, short: str, what: str, per: str, about: str) -> 
     low, high = c.band
     numbers = f"mean {short} {c.mean:.3g} per {per}, expected {low:.2f} to {high:.2f}"
     if low <= c.mean <= high or TOLERATED[0] <= c.mean <= TOLERATED[1]:
-        text = f"The error bars fit the {what}: {numbers}; {100 * c.inside:.0f} % of samples within their 95 % band."
+        outside = "" if low <= c.mean <= high else " (slightly outside, too little to matter)"
+        share = f"{100 * c.inside:.0f} % of samples within their 95 % band"
+        text = f"The error bars fit the {what}: {numbers}{outside}; {share}."
         return Verdict("good", text)
     if c.mean < low:
         text = (
@@ -101,26 +131,31 @@ def _contradiction(nis: Consistency, nees: Consistency) -> list[Verdict]:
     if not (nis.rows and nis.mean < TOLERATED[0] and nees.mean > TOLERATED[1]):
         return []
     text = (
-        "Innovations that are too small beside errors that are too large are not a matter of noise levels: the model "
-        "is off in a way that the measurements hardly show. Look for a parameter or a table that is biased, and "
-        "estimate it as a state."
+        "Innovations that are too small beside errors that are too large are not a matter of noise levels: of the "
+        "advice to lower and to raise them below, follow neither. The model is off in a way that the measurements "
+        "hardly show. Look for a parameter or a table that is biased, and estimate it as a state."
     )
-    return [Verdict("warning", text)]
+    return [Verdict("bad" if nees.mean > GROSS else "warning", text)]
 
 
 def _whiteness(elements: tuple[Element, ...]) -> list[Verdict]:
     judged = [e for e in elements if e.samples >= FEW]
-    coloured = [e for e in judged if e.ljung_box < CHANCE and np.abs(e.autocorrelation).max() > CORRELATED]
+    coloured = [e for e in judged if e.ljung_box < CHANCE and _beyond(e).any()]
     if judged and not coloured:
         return [Verdict("good", "The innovations are uncorrelated in time: nothing slow is left unmodelled.")]
     return [_coloured(e) for e in coloured]
 
 
+def _beyond(e: Element) -> Bool[np.ndarray, "L"]:
+    """Lags whose autocorrelation is neither small nor chance."""
+    return np.abs(e.autocorrelation) > np.maximum(CORRELATED, e.band)
+
+
 def _coloured(e: Element) -> Verdict:
-    lag = int(np.abs(e.autocorrelation).argmax())
+    lag = int(np.where(_beyond(e), np.abs(e.autocorrelation), 0.0).argmax())
     rho = e.autocorrelation[lag]
     severity: Severity = "bad" if abs(rho) > STRONGLY else "warning"
-    numbers = f"{rho:+.2f} at lag {lag + 1}; chance stays within ±{e.band:.2f}"
+    numbers = f"{rho:+.2f} at lag {lag + 1}; chance stays within ±{e.band[lag]:.2f}"
     head = f"Innovations of {e.name} are correlated in time ({numbers}): "
     if rho > 0:
         advice = "something slow is not modelled. Add a state for it (a bias, a drift, a lag), or raise process_noise."
@@ -130,7 +165,7 @@ def _coloured(e: Element) -> Verdict:
 
 
 def _bias(e: Element) -> list[Verdict]:
-    if abs(e.bias) <= max(CORRELATED, 1.68 * e.band):
+    if abs(e.bias) <= max(CORRELATED, 3.3 / e.samples**0.5):
         return []
     text = (
         f"Innovations of {e.name} are {e.bias:+.2f} standard deviations off zero on average: look for an offset of the "
@@ -169,9 +204,21 @@ def _coverage(states: tuple[Coverage, ...]) -> list[Verdict]:
     if not poor:
         lowest = min((c.within[1] for c in known), default=float("nan"))
         text = f"Every ±2σ band covers the truth at least {100 * lowest:.1f} % of the time (95 % is nominal)."
-        return [Verdict("good", text)] if known else []
+        return [Verdict("good", text + _narrow(known))] if known else []
     worst = sorted(poor, key=lambda c: c.within[1])[:5]
     listed = ", ".join(f"{c.name} {100 * c.within[1]:.0f} %" for c in worst)
     more = f" and {len(poor) - len(worst)} more" if len(poor) > len(worst) else ""
     text = f"The ±2σ band misses the truth too often (95 % is nominal): it covers {listed}{more}. Do not rely on it."
     return [Verdict("bad" if worst[0].within[1] < 0.6 else "warning", text)]
+
+
+def _narrow(states: list[Coverage]) -> str:
+    """What it means that ±1σ covers far less than ±2σ would make one think."""
+    few = [c for c in states if c.within[0] < HALF]
+    if not few:
+        return ""
+    listed = ", ".join(f"{c.name} {100 * c.within[0]:.0f} %" for c in few[:5])
+    return (
+        f" The ±1σ band covers much less than its 68 % ({listed}): the error stays between one and two standard "
+        "deviations for long, as a bias does and noise does not. Rely on ±2σ, not on ±1σ."
+    )

@@ -2,12 +2,13 @@
 
 With N values measured and N_l pairs of them l samples apart,
 
-    ρ_l = mean(z_k z_{k+l}) / mean(z_k²)            of centred z; within ±1.96/√N for white noise
-    Q   = (N + 2)/N Σ_l N_l ρ_l²                    ~ χ²(lags): Ljung & Box (1978), gaps as Stoffer & Toloi (1992)
+    ρ_l = mean(z_k z_{k+l}) / mean(z_k²)            of centred z; within ±1.96/√N_l for white noise
+    Q   = (N + 2)/N Σ_l N_l ρ_l²                    ~ χ²(lags with N_l > 0): Ljung & Box (1978), gaps as in
+                                                    Stoffer & Toloi (1992)
     J   = N/6 (skewness² + excess kurtosis²/4)      ~ χ²(2): Jarque & Bera (1980)
 
 The correlation with an input column v is taken with v[k] (it enters h) and v[k-1] (it entered f); its standard
-deviation is √(Σ_l ρ_l(z) ρ_l(v) / N), so that two slow series are not taken for related (Bartlett 1946).
+deviation is √(N + 2 Σ_l N_l ρ_l(z) ρ_l(v)) / N, so that two slow series are not taken for related (Bartlett 1946).
 """
 
 from typing import NamedTuple
@@ -41,8 +42,8 @@ class Element(NamedTuple):
     """mean of the normalised innovations, in standard deviations"""
     autocorrelation: Float[np.ndarray, "L"]
     """at lags 1, 2, …"""
-    band: float
-    """95 % of the autocorrelations of white noise are within ± this"""
+    band: Float[np.ndarray, "L"]
+    """95 % of the autocorrelations of white noise are within ± this; infinite at lags that no two values are apart"""
     ljung_box: float
     """p-value of whiteness"""
     skewness: float
@@ -71,7 +72,7 @@ def examined(name: str, z: Float[np.ndarray, "T"], inputs: dict[str, np.ndarray]
     count = int(np.isfinite(z).sum())
     lags = max(min(LAGS, count // 4, z.size - 1), 0)
     rho, pairs = autocorrelation(z, lags)
-    band = 1.96 / max(count, 1) ** 0.5
+    seen = pairs > 0
     Q = (count + 2) / max(count, 1) * float(pairs @ rho**2)
     skewness, kurtosis = _moments(z)
     J = count / 6 * (skewness**2 + kurtosis**2 / 4)
@@ -81,12 +82,12 @@ def examined(name: str, z: Float[np.ndarray, "T"], inputs: dict[str, np.ndarray]
         samples=count,
         bias=_mean(z),
         autocorrelation=rho,
-        band=band,
-        ljung_box=float(chi2.sf(Q, lags)) if lags else float("nan"),
+        band=np.where(seen, 1.96 / np.sqrt(np.maximum(pairs, 1)), np.inf),
+        ljung_box=float(chi2.sf(Q, seen.sum())) if seen.any() else float("nan"),
         skewness=skewness,
         kurtosis=kurtosis,
         jarque_bera=float(chi2.sf(J, 2)),
-        inputs=tuple(_with_input(c, z, v, rho) for c, v in inputs.items() if count > 2 and _varies(v)),
+        inputs=tuple(_with_input(c, z, v, rho * pairs / count) for c, v in inputs.items() if count > 2 and _varies(v)),
     )
 
 
@@ -120,11 +121,11 @@ def _varies(values: np.ndarray) -> bool:
     return known.size > 1 and bool(known.std() > 1e-12 * np.abs(known).max())
 
 
-def _with_input(column: str, z: np.ndarray, v: np.ndarray, rho: np.ndarray) -> InputCorrelation:
-    """The larger of the correlations with v[k] and v[k-1]."""
+def _with_input(column: str, z: np.ndarray, v: np.ndarray, weighed: np.ndarray) -> InputCorrelation:
+    """The larger of the correlations with v[k] and v[k-1]; `weighed` is ρ_l(z) N_l / N."""
     past = np.concatenate([[np.nan], v[:-1]])
     correlation = max((_correlation(z, v), _correlation(z, past)), key=abs)
-    alike = 1 + 2 * float(rho @ autocorrelation(v, rho.size)[0])
+    alike = 1 + 2 * float(weighed @ autocorrelation(v, weighed.size)[0])
     return InputCorrelation(column, correlation, 1.96 * (max(alike, 1.0) / np.isfinite(z).sum()) ** 0.5)
 
 

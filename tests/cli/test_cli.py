@@ -85,6 +85,15 @@ def test_run_on_the_example_writes_three_files_with_names_and_units(tmp_path):
     assert summary["final"][0]["estimate"] == frame["angle"].iloc[-1]
 
 
+@pytest.mark.parametrize(("time", "label"), [("", "time [samples]"), ("time = 'clock'\n", "time [min]")])
+@pytest.mark.parametrize("command", [("run", "--method"), ("compare", "--methods")])
+def test_the_page_says_the_unit_of_time(files, tmp_path, command, time, label):
+    data = "level [m],pump,clock [min]\n1.0,0.1,0\n,0.1,1\n1.2,0.2,2\n"
+    invoke(command[0], *files(data, MODEL + time), command[1], "ekf", "--out", tmp_path / "out")
+    html = (tmp_path / "out" / "report.html").read_text()
+    assert set(re.findall(r'"title":\{"text":"(time[^"]*)"', html)) == {label}
+
+
 def test_command_line_agrees_with_the_library(files, tmp_path):
     model, data = files()
     invoke("run", model, data, "--method", "iterated(srukf(), 2)", "--out", tmp_path / "out")
@@ -139,7 +148,7 @@ def test_demo_with_two_methods(tmp_path):
     assert "looked at" in " ".join(shown.split())
     assert {p.name for p in (tmp_path / "demo").iterdir()} == FILES
     methods = json.loads((tmp_path / "demo" / "summary.json").read_text(), parse_constant=pytest.fail)["methods"]
-    assert all(m["soc_rms"] < 2 and 90 < m["coverage"] < 99.5 for m in methods.values())
+    assert all(m["soc_rms_points"] < 2 and 90 < m["coverage_percent"] < 99.5 for m in methods.values())
 
 
 @pytest.mark.parametrize(
@@ -176,9 +185,12 @@ def test_bad_data_gets_one_message_that_says_where(files, tmp_path, data, said):
         (MODEL + "time = 'pump'\n", "column 'pump' goes back in data row 3"),
         (MODEL + "time = 'day'\n", "dates like 2024-01-31 12:00): column 'day' must be numbers, but holds 'Monday'"),
         (MODEL + "truth = {'tonk': 'pump'}\n", "'tonk', no state of the model; its state_names are tank"),
-        (MODEL.replace('u["pump"]', 'u["pomp"]'), "tank.py, line 8: KeyError: 'pomp'"),
+        (
+            MODEL.replace('u["pump"]', 'u["pomp"]'),
+            "tank.py, line 8: KeyError: 'pomp'; dynamics was called with a u that has the keys 'pump'",
+        ),
         (MODEL.replace("jnp.eye(1),", "-jnp.eye(1),", 1), "has a negative variance"),
-        (MODEL + "measurements = ['level', 'pump']\n", "observation_noise must be (2, 2)"),
+        (MODEL + "measurements = ['level', 'pump']\n", "y has 2 element(s) a row, but observation returns 1"),
     ],
 )
 def test_bad_model_gets_one_message_that_says_where(files, tmp_path, model, said):
@@ -191,6 +203,7 @@ def test_bad_model_gets_one_message_that_says_where(files, tmp_path, model, said
 def test_files_that_are_not_there_or_of_another_kind(files, tmp_path):
     model, data = files()
     assert "no such file" in message("run", model, tmp_path / "none.csv")
+    assert "data.csv is data, not Python: the order is MODEL.py, then DATA" in message("run", data, model)
     assert "none.py: no such file" in message("run", tmp_path / "none.py", data)
     (tmp_path / "data.xlsx").write_bytes(b"")
     assert "data must be .csv" in message("run", model, tmp_path / "data.xlsx")

@@ -48,6 +48,7 @@ def test_dense_forms_lose_accuracy_but_never_soundness(name):
         assert sound(filtered(case(1, coupled), DENSE[name], jnp.float64)), coupled
 
 
+@pytest.mark.filterwarnings("ignore:the sigma points of this method are so close:UserWarning")
 @pytest.mark.parametrize("m", [1, pytest.param(2, marks=pytest.mark.slow), 3])
 @pytest.mark.parametrize("name", STANDARD)
 def test_float32_square_root_forms_stay_sound_and_keep_digits_where_states_do_not_mix(name, m):

@@ -121,7 +121,7 @@ def test_noise_scales_with_the_step_and_with_the_charge_moved(cell, log):
 def test_state_of_charge_within_two_points_and_the_band_covers_it(case, name):
     """Started 20 points wrong, on the run at 25 °C that the cell was not identified from."""
     score = evaluate(sp.filter(case.model, case.y, case.u, METHODS[name]), case.log, case.reference)
-    assert score["soc_rms"] <= 2.0
-    assert 90.0 <= score["coverage"] <= 99.5
+    assert score["soc_rms_points"] <= 2.0
+    assert 90.0 <= score["coverage_percent"] <= 99.5
     assert score["nis_mean"] < score["nis_mean_band"][1]  # cautious: large innovations only where the current jumps
-    assert score["nis_inside"] > 85.0
+    assert score["nis_inside_percent"] > 85.0

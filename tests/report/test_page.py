@@ -227,6 +227,26 @@ def test_axes_end_a_line_where_an_angle_wraps(turning):
     mpl.pyplot.close(ax.figure)
 
 
+def test_predictions_of_a_slow_sensor_are_seen_between_their_gaps(tmp_path):
+    _, y = sp.simulate(model_of(), T, key=jax.random.key(2))
+    post = sp.filter(model_of(), y.at[np.arange(T) % 3 > 0].set(jnp.nan))
+    traces = [trace for figure in graphs(report(post, tmp_path / "r.html").read_text()) for trace in figure["data"]]
+    modes = {trace["name"]: trace["mode"] for trace in traces if trace.get("name") in ("predicted", "estimate")}
+    assert modes == {"predicted": "lines+markers", "estimate": "lines"}
+
+
+def test_innovations_of_a_smoother_are_shown_once_as_those_of_its_filter(run, tmp_path):
+    posts, x = run
+    _, y = sp.simulate(model_of(), T, key=jax.random.key(3))
+    both = {"filter": sp.filter(model_of(), y), "back": sp.smooth(model_of(), y)}
+    html = report(both, tmp_path / "r.html").read_text()
+    assert "Shown once: back has those of filter; a smoother's innovations are its filter's." in html
+    names = [[trace.get("name") for trace in figure["data"]] for figure in graphs(html)]
+    assert all({"filter", "back"} <= set(each) for each in names[:2])  # the states
+    assert not any("back" in each for each in names[2:])
+    assert "Shown once" not in report(posts, tmp_path / "r.html", truth=x).read_text()
+
+
 def test_rows_on_both_sides_of_a_break_are_kept():
     curve, breaks = np.sin(np.arange(50_000.0)), np.array([7, 40_000])
     rows, ends = with_breaks(breaks, curve)

@@ -59,12 +59,17 @@ def compare(
     }
     rows = [headed(row) for row in result.rows]
     title = f"{model.stem}: {len(result.rows)} methods on {data.name}"
+    page: dict[str, Any] = {
+        "time": problem.clock.shown,
+        "time_label": problem.clock.label,
+        "truth": problem.truth,
+        "title": title,
+        "tables": [("methods", rows)],
+    }
     files = {
         "estimates.parquet": output.parquet_file(all_frames(result, problem.clock)),
         "summary.json": output.json_file(summary),
-        "report.html": output.page_file(
-            result.posteriors, time=problem.clock.shown, truth=problem.truth, title=title, tables=[("methods", rows)]
-        ),
+        "report.html": output.page_file(result.posteriors, **page),
     }
     paths = output.write_all(folder_out, files)
     console = Console()

@@ -14,9 +14,11 @@ import pandas as pd
 from jaxtyping import Float
 
 from sigmapoint.cli.errors import InputError
+from sigmapoint.plotting import titled
 
 HEADER = re.compile(r"^(?P<name>.*?\S)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))$")
 FORMATS = ".csv, .csv.gz or .parquet"
+ENDINGS = (".csv", ".csv.gz", ".parquet")
 
 
 class Column(NamedTuple):
@@ -34,6 +36,11 @@ class Clock(NamedTuple):
     shown: Any
     unit: str = ""
 
+    @property
+    def label(self) -> str:
+        """For an axis, with the unit."""
+        return titled("time", self.unit)
+
 
 def read(path: Path) -> pd.DataFrame:
     """The table in a file, under its headers as they stand there.
@@ -44,7 +51,7 @@ def read(path: Path) -> pd.DataFrame:
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     name = path.name.lower()
-    if not name.endswith((".csv", ".csv.gz", ".parquet")):
+    if not name.endswith(ENDINGS):
         raise InputError(f"{path}: data must be {FORMATS}")
     frame = _parquet(path) if name.endswith(".parquet") else _csv(path)
     if len(frame) == 0:
@@ -149,7 +156,7 @@ def clock(frame: pd.DataFrame, wanted: str | None) -> Clock:
     """Time of the rows from a column of numbers or dates; row numbers 0, 1, 2, … where no column is named."""
     if wanted is None:
         numbers = np.arange(len(frame), dtype=np.float64)
-        return Clock(numbers, numbers)
+        return Clock(numbers, numbers, "samples")
     series = frame.iloc[:, locate(frame, wanted, "time")]
     dates = None if pd.api.types.is_numeric_dtype(series) else _dates(series)
     if dates is None:

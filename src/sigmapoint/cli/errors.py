@@ -90,7 +90,8 @@ def _explained(error: Exception) -> tuple[str, int]:
 
 def _named(error: BaseException) -> str:
     first = str(error).strip().split("\n")[0]
-    return f"{type(error).__name__}: {first}" if first else type(error).__name__
+    notes = [note for note in getattr(error, "__notes__", ()) if "\n" not in note]  # ours; those of JAX are longer
+    return "; ".join([f"{type(error).__name__}: {first}" if first else type(error).__name__, *notes])
 
 
 @contextmanager

@@ -69,6 +69,8 @@ def _executed(path: Path) -> Mapping[str, Any]:
     """What the file defines; it can import its neighbours, as a script can."""
     if not path.is_file():
         raise InputError(f"{path}: no such file")
+    if path.name.lower().endswith(data.ENDINGS):
+        raise InputError(f"{path} is data, not Python: the order is MODEL.py, then DATA")
     module = ModuleType(path.stem)
     module.__file__ = str(path)
     neighbours = str(path.resolve().parent)

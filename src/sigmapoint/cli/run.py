@@ -58,6 +58,7 @@ def run(
         "report.html": output.page_file(
             post,
             time=problem.clock.shown,
+            time_label=problem.clock.label,
             truth=problem.truth,
             title=f"{model.stem}: {method}{', smoothed' if smooth else ''}, {data.name}",
         ),

@@ -38,20 +38,21 @@ def evaluate(post: Estimate, log: Log, reference: Float[np.ndarray, "T"]) -> dic
         reference: [1] SOC from `reference_soc`.
 
     Returns:
-        ``soc_rms`` and ``soc_max`` [SOC points], ``soc_std`` (rms of the filter's own standard deviation, SOC points),
-        ``coverage`` [%] of ±2 standard deviations, ``nis_mean`` with ``nis_mean_band`` (95 %, if innovations were
-        independent), ``nis_inside`` [%] of samples in the 95 % band of one sample (χ² with one degree of freedom).
+        ``soc_rms_points`` and ``soc_max_points`` [SOC points], ``soc_std_points`` (rms of the filter's own standard
+        deviation, SOC points), ``coverage_percent`` [%] of ±2 standard deviations, ``nis_mean`` with ``nis_mean_band``
+        (95 %, if innovations were independent), ``nis_inside_percent`` [%] of samples in the 95 % band of one sample
+        (χ² with one degree of freedom).
     """
     late = log.time - log.time[0] >= SETTLED
     soc, std = np.asarray(post.mean)[late, 0], np.asarray(post.std)[late, 0]
     error, nis = coverage("soc", soc - reference[late], std), np.asarray(post.nis)[late]
     judged = consistency(nis, np.ones(nis.shape, int))
     return {
-        "soc_rms": 100 * error.rms,
-        "soc_max": 100 * error.largest,
-        "soc_std": float(100 * np.sqrt(np.mean(std**2))),
-        "coverage": 100 * error.within[1],
+        "soc_rms_points": 100 * error.rms,
+        "soc_max_points": 100 * error.largest,
+        "soc_std_points": float(100 * np.sqrt(np.mean(std**2))),
+        "coverage_percent": 100 * error.within[1],
         "nis_mean": judged.mean,
         "nis_mean_band": judged.band,
-        "nis_inside": 100 * judged.inside,
+        "nis_inside_percent": 100 * judged.inside,
     }

@@ -171,8 +171,15 @@ def _line(
 ) -> go.Scatter:
     rows, ends = with_breaks(breaks, y)
     at, curve = broken(ends, x[rows], compact(y[rows]))
-    line = {"color": color, "width": width, "dash": dash}
-    return go.Scatter(x=at, y=curve, name=name, mode="lines", line=line, hovertemplate="%{y:.5g}")
+    # A line needs two neighbours: what stands alone between gaps, as of a slow sensor, is seen as markers only.
+    mode = "lines+markers" if _alone(curve).any() else "lines"
+    shown = {"line": {"color": color, "width": width, "dash": dash}, "marker": {"color": color, "size": 4}}
+    return go.Scatter(x=at, y=curve, name=name, mode=mode, hovertemplate="%{y:.5g}", **shown)
+
+
+def _alone(curve: np.ndarray) -> np.ndarray:
+    known = np.concatenate([[False], np.isfinite(curve), [False]])
+    return known[1:-1] & ~known[:-2] & ~known[2:]
 
 
 def _dots(x: np.ndarray, y: np.ndarray, *, name: str, color: str, opacity: float = 0.7) -> go.Scatter:

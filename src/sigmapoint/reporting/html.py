@@ -7,10 +7,9 @@ from typing import Any
 
 import plotly.graph_objects as go
 
-from sigmapoint.verdicts import Verdict
+from sigmapoint.verdicts import RANK, Verdict, gravest_first
 
 WORDS = {"good": "✓ Good", "warning": "! Look at this", "bad": "✕ Problem"}
-RANK = {"bad": 0, "warning": 1, "good": 2}
 
 
 def number(value: Any) -> str:
@@ -41,7 +40,7 @@ def verdict_list(verdicts: Iterable[Verdict]) -> str:
     """Verdicts, the gravest first, each with its severity as a word, a mark and a colour."""
     items = "".join(
         f'<li class="{v.severity}"><b>{WORDS[v.severity]}</b><span>{escape(v.text)}</span></li>'
-        for v in sorted(verdicts, key=lambda v: RANK[v.severity])
+        for v in gravest_first(verdicts)
     )
     return f'<ul class="verdicts">{items}</ul>'
 

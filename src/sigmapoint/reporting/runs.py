@@ -58,6 +58,21 @@ class Runs(NamedTuple):
     truth: Float[np.ndarray, "T d"] | None
 
     @property
+    def repeated(self) -> dict[str, str]:
+        """Methods with the innovations of an earlier one, and which: those of a smoother are its filter's."""
+        found: dict[str, str] = {}
+        for i, run in enumerate(self.each):
+            first = next((earlier for earlier in self.each[:i] if _same_innovations(earlier, run)), None)
+            if first is not None:
+                found[run.name] = first.name
+        return found
+
+    @property
+    def distinct(self) -> "Runs":
+        """Without those whose innovations are there already."""
+        return self._replace(each=[run for run in self.each if run.name not in self.repeated])
+
+    @property
     def errors(self) -> Axis:
         """The elements of an error; none where no method has one."""
         return self.labels.directions(_width(run.error for run in self.each))
@@ -110,6 +125,11 @@ def _run(i: int, name: str, post: Posterior, truth: np.ndarray | None, opacity: 
         diagnosis=diagnose(post, truth_too) if checkable else None,
         log_likelihood=float(post.log_likelihood),
     )
+
+
+def _same_innovations(a: Run, b: Run) -> bool:
+    pairs = ((a.innovation, b.innovation), (a.spread, b.spread), (a.nis, b.nis))
+    return all(x is not None and y is not None and np.array_equal(x, y, equal_nan=True) for x, y in pairs)
 
 
 def _predicted(post: Posterior) -> Float[np.ndarray, "T e"]:

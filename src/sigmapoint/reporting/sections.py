@@ -86,6 +86,7 @@ def accuracy(runs: Runs, graphs: Graphs) -> str:
 
 def innovations(runs: Runs, graphs: Graphs) -> str:
     """Measurements against predictions, and their difference against ±2σ."""
+    repeated, runs = _repeated(runs), runs.distinct
     measured, surprises = runs.labels.observations, runs.innovations.names
     total = max(len(measured), len(surprises))
     drawn = min(total, SHOWN)
@@ -100,13 +101,14 @@ def innovations(runs: Runs, graphs: Graphs) -> str:
     text = (
         "Innovation: measurement minus what the filter expected just before it. It should stay within ±2σ about 95 % "
     )
-    text += "of the time and show no pattern. " + VIEW
+    text += "of the time and show no pattern. " + VIEW + repeated
     few = _few(drawn, total, "measured quantities")
     return section("measurements", "Measurements and innovations", text, few, grid("two", figures))
 
 
 def nis(runs: Runs, graphs: Graphs) -> str:
     """Normalised innovations squared."""
+    runs = runs.distinct
     if all(run.nis is None or run.degrees is None for run in runs.each):
         return ""
     text = "Normalised innovation squared (NIS): how large each surprise is, compared with what the filter expected. "
@@ -118,6 +120,7 @@ def nis(runs: Runs, graphs: Graphs) -> str:
 
 def whiteness(runs: Runs, graphs: Graphs) -> str:
     """Autocorrelation, histogram and QQ plot of each measured quantity, and what follows an input."""
+    runs = runs.distinct
     judged = [run for run in runs.each if run.diagnosis and any(e.samples > 3 for e in run.diagnosis.elements)]
     if not judged:
         return ""
@@ -183,6 +186,12 @@ def _input_rows(run: Run) -> list[dict[str, Any]]:
 def _measured(runs: Runs) -> str:
     missing = int(np.isnan(runs.y).sum())
     return f"{number(missing)} of {number(int(runs.y.size))} values missing" if missing else "every value measured"
+
+
+def _repeated(runs: Runs) -> str:
+    said = [f"{name} has those of {first}" for name, first in runs.repeated.items()]
+    listed = escape(", ".join(said))
+    return f" Shown once: {listed}; a smoother's innovations are its filter's." if said else ""
 
 
 def _few(drawn: int, total: int, what: str) -> str:

@@ -9,6 +9,8 @@ from sigmapoint.whiteness import Element, quantiles
 
 EDGE = 5.0
 """Histograms span ± this; what is outside counts in the last bin."""
+WHOLE = 2.0
+"""A band as wide as this holds every correlation."""
 
 
 def autocorrelation_figure(runs: Runs, j: int) -> go.Figure:
@@ -19,11 +21,13 @@ def autocorrelation_figure(runs: Runs, j: int) -> go.Figure:
         lags = np.arange(1, element.autocorrelation.size + 1)
         figure.add_trace(go.Bar(x=lags, y=element.autocorrelation, name=run.name, marker={"color": run.color}))
     if elements:
-        band, most = elements[0][1].band, max(e.autocorrelation.size for _, e in elements)
+        band = np.minimum(elements[0][1].band, WHOLE)  # one a lag: as wide as the pairs so far apart are few
+        edges = np.arange(band.size + 1) + 0.5
         for edge in (band, -band):
-            figure.add_trace(_reference(np.array([0.5, most + 0.5]), np.array([edge, edge]), "95 % of white noise"))
-        top = max([2.5 * band, 0.1] + [1.1 * float(np.abs(e.autocorrelation).max(initial=0)) for _, e in elements])
-        figure.update_yaxes(range=[-min(top, 1.05), min(top, 1.05)])
+            figure.add_trace(_reference(edges, np.append(edge, edge[-1:]), "95 % of white noise", shape="hv"))
+        sizes = [1.1 * float(np.abs(e.autocorrelation).max(initial=0)) for _, e in elements]
+        top = min(max([2.5 * band.min(initial=WHOLE), 0.1, *sizes]), 1.05)
+        figure.update_yaxes(range=[-top, top])
     return figure.update_layout(showlegend=len(elements) > 1)
 
 
@@ -67,8 +71,8 @@ def _elements(runs: Runs, j: int) -> list[tuple[Run, Element]]:
     ]
 
 
-def _reference(x: np.ndarray, y: np.ndarray, name: str, dash: str = "dot") -> go.Scatter:
-    line = {"color": MEASURED, "width": 1.6, "dash": dash}
+def _reference(x: np.ndarray, y: np.ndarray, name: str, dash: str = "dot", shape: str = "linear") -> go.Scatter:
+    line = {"color": MEASURED, "width": 1.6, "dash": dash, "shape": shape}
     return go.Scatter(x=x, y=y, name=name, mode="lines", line=line, showlegend=False, hoverinfo="skip")
 
 
