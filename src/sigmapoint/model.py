@@ -137,7 +137,7 @@ def _sloped(
 def _sloped_jvp(
     function: Callable[..., Array], slope: Callable[..., Array], primals: tuple[Any, ...], tangents: tuple[Any, ...]
 ) -> tuple[Array, Array]:
-    x, rest, held, held_by_slope = primals
+    x, rest, _, held_by_slope = primals
     moved = jnp.zeros_like(value := _sloped(function, slope, *primals))
     if not all(_still(leaf) for leaf in jax.tree.leaves(tangents[1:3], is_leaf=_still)):
         others = tuple(jax.tree.map(_instantiated, primals[1:3], tangents[1:3]))

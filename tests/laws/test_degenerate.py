@@ -116,7 +116,7 @@ def test_sensors_that_agree_under_a_wide_prior_in_32_bits(method):
     np.testing.assert_allclose(post.std[0], [0.5, 0.5**0.5], rtol=1e-5)
 
 
-@pytest.mark.parametrize("scale", [1.0, 1e4, 1e8])
+@pytest.mark.parametrize("scale", [1.0, 1e8])
 @pytest.mark.parametrize("method", METHODS, ids=str)
 def test_copies_of_exact_sensors_in_other_units_change_nothing(method, scale):
     H = np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 6.0], [0.5, 1.0, 1.5], [0.2, 1.0, 0.4]])
