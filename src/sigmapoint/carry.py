@@ -17,12 +17,13 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from sigmapoint.belief import Belief
 from sigmapoint.conditioning import Joint
 from sigmapoint.noise import Entry, Noise
-from sigmapoint.rules.linearization import Linearization, Rule
+from sigmapoint.rules.linearization import Linearization, Rule, magnitude
 from sigmapoint.spaces import Space
 
 
@@ -36,6 +37,9 @@ class Functions(NamedTuple):
     state_space: Space
     observation_space: Space
 
+
+NEARBY = 2.0**-10
+"""How far away, relative to its size, a state is moved to see the size of the terms in a function."""
 
 Points = Float[Array, "p d"] | None
 
@@ -120,7 +124,24 @@ def stacked(rule: Rule, belief: Belief, entry: Entry, u: Any, inside: Space, out
     at = whitened(belief, inside)
     origin = jnp.zeros(N, belief.mean.dtype)
     value = rule(lambda xi: entry.call(at(xi[:n]), u, xi[n:]), origin, outside)
+    if entry.rest is not None:
+
+        def terms() -> Array:
+            moved = entry.call(inside.retract(belief.mean, NEARBY * _terms(belief)), u, origin[n:])
+            return jnp.abs(outside.residual(moved, value.mean)) / NEARBY
+
+        # Where a sensor is exact, the points agree in what it has measured, and their values do not show how large the
+        # terms are that cancel in them: x₁ − x₂ = 0 of two large states. A point that does not agree does.
+        exact = jnp.any(jnp.diagonal(entry.rest.cov) == 0)
+        value = value._replace(scale=value.scale + jax.lax.cond(exact, terms, lambda: jnp.zeros_like(value.scale)))
     return Joint(value, known(belief, N), entry.rest)
+
+
+def _terms(belief: Belief) -> Float[Array, " n"]:
+    """The size of each coordinate, with signs and factors that no function is likely to cancel."""
+    size = magnitude(belief.mean[None], belief.factor.shape[0]) + belief.std
+    mixed = np.random.default_rng(0).uniform(0.5, 1.0, size.shape[0]) * (-1.0) ** np.arange(size.shape[0])
+    return size * jnp.asarray(mixed, size.dtype)
 
 
 def whitened(belief: Belief, space: Space) -> Callable[[Array], Array]:

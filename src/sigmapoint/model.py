@@ -6,16 +6,12 @@ Row k of measurements, inputs and results belongs to the same instant; `initial`
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array
 
 from sigmapoint import checks
+from sigmapoint.jacobians import with_jacobian
 from sigmapoint.noise import Additive, Gaussian, NonAdditive
 from sigmapoint.spaces import Euclidean, Space
 
@@ -102,64 +98,6 @@ class StateSpaceModel(eqx.Module):
         self.state_units = checks.names("state_units", state_units, n, distinct=False) or ("",) * n
         self.observation_names = checks.names("observation_names", observation_names)
         self.observation_units = checks.names("observation_units", observation_units, distinct=False)
-
-
-def with_jacobian(name: str, function: Callable[..., Any], jacobian: Callable[..., Any] | None) -> Callable[..., Any]:
-    """`function(x, ...)` whose derivative in `x` is `jacobian(x, u)`, where given; its other derivatives are kept."""
-    if jacobian is None:
-        return function
-    checks.callables(**{name: jacobian})
-
-    def differentiated(x: Array, *rest: Any) -> Array:
-        def slope(x: Array, *rest: Any) -> Array:
-            shape = (value.shape[0], x.shape[0])
-            made = checks.returned(name, jacobian(x, *rest[:1]), shape, "one row for each element of the value")
-            return made.astype(value.dtype)
-
-        # What either function closes over (parameters being fitted) becomes arguments, to be differentiated too.
-        plain, held = jax.closure_convert(function, x, *rest)
-        value = jax.eval_shape(plain, x, *rest, *held)
-        sloped, held_by_slope = jax.closure_convert(slope, x, *rest)
-        return _sloped(plain, sloped, x, rest, held, held_by_slope)
-
-    return differentiated
-
-
-@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def _sloped(
-    function: Callable[..., Array], slope: Callable[..., Array], x: Array, rest: Any, held: Any, held_by_slope: Any
-) -> Array:
-    """`function(x, *rest, *held)`, whose derivative in `x` is `slope` and whose others are its own."""
-    return function(x, *rest, *held)
-
-
-@partial(_sloped.defjvp, symbolic_zeros=True)
-def _sloped_jvp(
-    function: Callable[..., Array], slope: Callable[..., Array], primals: tuple[Any, ...], tangents: tuple[Any, ...]
-) -> tuple[Array, Array]:
-    x, rest, _, held_by_slope = primals
-    moved = jnp.zeros_like(value := _sloped(function, slope, *primals))
-    if not all(_still(leaf) for leaf in jax.tree.leaves(tangents[1:3], is_leaf=_still)):
-        others = tuple(jax.tree.map(_instantiated, primals[1:3], tangents[1:3]))
-        moved = jax.jvp(lambda rest, held: function(x, *rest, *held), primals[1:3], others)[1]
-    if not _still(tangents[0]):
-        moved = moved + slope(x, *rest, *held_by_slope) @ tangents[0]
-    return value, moved
-
-
-def _still(tangent: Any) -> bool:
-    """Whether nothing moves here: a function that has no derivative of its own is not asked for one."""
-    return isinstance(tangent, jax.custom_derivatives.SymbolicZero)
-
-
-def _instantiated(primal: Array, tangent: Any) -> Any:
-    if not _still(tangent):
-        return tangent
-    return (
-        np.zeros(primal.shape, jax.dtypes.float0)
-        if not jnp.issubdtype(primal.dtype, jnp.inexact)
-        else jnp.zeros_like(primal)
-    )
 
 
 def _noise(name: str, noise: Any) -> Additive | NonAdditive:

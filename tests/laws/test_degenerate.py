@@ -140,3 +140,16 @@ def test_an_exact_measurement_repeated_says_nothing_new(method):
     np.testing.assert_allclose(post.mean[0], 2.0 * K[:, 0], rtol=1e-12)
     np.testing.assert_allclose(post.std[0], np.sqrt(np.diag(P0 - K @ H @ P0)), rtol=1e-9)
     assert np.all(post.nis[1:] == 0)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=str)
+def test_an_exact_constraint_between_states_is_imposed_once(method):
+    """x₁ − x₂ = 0 whatever the size of the states: what is left of their difference is round-off, not information."""
+    P0, m0 = np.array([[1.0, 0.5], [0.5, 2.0]]), np.array([5e3, 5e3 + 2])
+    parts = (np.eye(2), np.array([[1.0, -1.0]]), np.zeros((2, 2)), np.zeros((1, 1)), m0, P0)
+    post = _linear(sp.filter, np.zeros((6, 1)), method, *parts)
+    K = P0 @ [1.0, -1.0] / 2.0
+    std = np.sqrt(np.diag(P0 - np.outer(K, [1.0, -1.0] @ P0)))
+    np.testing.assert_allclose(post.mean, np.broadcast_to(m0 + 2 * K, (6, 2)), rtol=1e-12)
+    np.testing.assert_allclose(post.std, np.broadcast_to(std, (6, 2)), rtol=1e-9)
+    assert np.all(post.nis[1:] == 0)
