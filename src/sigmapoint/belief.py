@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from sigmapoint.linalg import cholesky, norm_rows, safe_sqrt, tria
+from sigmapoint.native import materialized, product
 from sigmapoint.rules.linearization import Linearization
 
 
@@ -55,7 +56,7 @@ class Dense(NamedTuple):
     @classmethod
     def from_root(cls, mean: Float[Array, " d"], root: Float[Array, "n k"]) -> "Dense":
         """With covariance `root rootᵀ`; a square root is lower triangular."""
-        return cls(mean, symmetric(root @ root.T))
+        return cls(mean, symmetric(product(root, root.T)))
 
     @classmethod
     def marginal(cls, x: Linearization, noise: Spread | None) -> "Dense":
@@ -71,7 +72,7 @@ class SquareRoot(NamedTuple):
 
     @property
     def cov(self) -> Float[Array, "n n"]:
-        return symmetric(self.factor @ self.factor.T)
+        return symmetric(product(self.factor, self.factor.T))
 
     @property
     def std(self) -> Float[Array, " n"]:
@@ -98,10 +99,11 @@ Belief: TypeAlias = Dense | SquareRoot
 
 def covariance(x: Linearization, noise: Spread | None) -> Float[Array, "d d"]:
     """Φ Φᵀ + E Eᵀ, plus that of the noise: exactly symmetric."""
-    P = x.slope @ x.slope.T + x.residual @ x.residual.T
+    root = jnp.concatenate([x.slope, x.residual], axis=1)
+    P = product(root, root.T)
     return symmetric(P if noise is None else P + noise.cov)
 
 
 def symmetric(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """The symmetric part of a matrix."""
-    return (P + P.T) / 2
+    return materialized((P + P.T) / 2)

@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 
 from sigmapoint.belief import Belief
 from sigmapoint.conditioning import Joint
+from sigmapoint.native import applied
 from sigmapoint.noise import Entry, Noise
 from sigmapoint.rules.linearization import Linearization, Rule, magnitude
 from sigmapoint.spaces import Space
@@ -121,9 +122,9 @@ class Augmented(ExtendedSet):
 def stacked(rule: Rule, belief: Belief, entry: Entry, u: Any, inside: Space, outside: Space) -> Joint:
     """A function of (x, its noise) linearised about the belief, jointly with x."""
     n, N = belief.factor.shape[0], belief.factor.shape[0] + entry.size
-    at = whitened(belief, inside)
     origin = jnp.zeros(N, belief.mean.dtype)
-    value = rule(lambda xi: entry.call(at(xi[:n]), u, xi[n:]), origin, outside)
+    factor = belief.factor if n == N else jax.scipy.linalg.block_diag(belief.factor, jnp.eye(N - n, dtype=origin.dtype))
+    value = rule(lambda d: entry.call(inside.retract(belief.mean, d[:n]), u, d[n:]), factor, outside)
     if entry.rest is not None:
 
         def terms() -> Array:
@@ -147,7 +148,7 @@ def _terms(belief: Belief) -> Float[Array, " n"]:
 def whitened(belief: Belief, space: Space) -> Callable[[Array], Array]:
     """ξ ↦ x = m + L ξ."""
     mean, factor = belief.mean, belief.factor
-    return lambda xi: space.retract(mean, factor @ xi)
+    return lambda xi: space.retract(mean, applied(factor, xi))
 
 
 def known(belief: Belief, N: int) -> Linearization:

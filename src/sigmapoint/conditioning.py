@@ -22,9 +22,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from sigmapoint.belief import Spread
-from sigmapoint.linalg import LARGEST_UNROLLED, one_where_zero, safe_sqrt
+from sigmapoint.linalg import one_where_zero, safe_sqrt, tria
+from sigmapoint.native import materialized, small
 from sigmapoint.rules.linearization import Linearization
 
+UNROLLED = 4
+"""Up to so many elements are taken in without a loop: each then handles only what is left."""
 ROUND_OFF = 4.0
 """A slope this many times the round-off of the numbers that it was computed from says nothing."""
 
@@ -67,16 +70,16 @@ class Rows(NamedTuple):
 
 def condition(joint: Joint, difference: Float[Array, "d c"], active: Bool[Array, " d"]) -> Conditioned:
     """The state of `joint` given that its value differs from its mean by `difference`, in the elements `active`."""
-    elements, states = _arranged(joint, difference, active)
     floor = (ROUND_OFF * jnp.finfo(difference.dtype).eps * jax.lax.stop_gradient(joint.value.scale)) ** 2
-    computed = sum(part.shape[1] for part in (joint.value.slope, joint.value.residual))
-    d = difference.shape[0]
+    elements, states = _arranged(joint, difference, active, floor)
+    d, n = difference.shape[0], states.columns.shape[1]
 
     def take(carry: tuple[Rows, Rows], i: Array | int) -> tuple[tuple[Rows, Rows], Seen]:
-        phi = _heard(carry[0].columns[i], computed, floor[i])
-        return _taken(Rows(phi, carry[0].difference[i]), carry)
+        phi, own = carry[0].columns[i], carry[0].difference[i]
+        heard = jnp.append(_heard(phi[:n], floor[i]), phi[n:])
+        return _taken(Rows(materialized(heard), own), carry)
 
-    if d > LARGEST_UNROLLED:
+    if d > (UNROLLED if small(n) else 1):
         (_, states), seen = jax.lax.scan(take, (elements, states), jnp.arange(d))
         return Conditioned(-states.difference, states.columns, *seen)
     each = []
@@ -86,51 +89,57 @@ def condition(joint: Joint, difference: Float[Array, "d c"], active: Bool[Array,
     return Conditioned(-states.difference, states.columns, *(jnp.stack(part) for part in zip(*each)))
 
 
-def _arranged(joint: Joint, difference: Array, active: Array) -> tuple[Rows, Rows]:
-    """The value's elements over (ξ, ε, ν), and the states over what they know of it."""
+def _arranged(joint: Joint, difference: Array, active: Array, floor: Array) -> tuple[Rows, Rows]:
+    """The value's elements over (ξ, noises), and the states over ξ."""
     y, x, noise = joint
-    shared = x.slope if x.residual.shape[1] == 0 else jnp.concatenate([x.slope, x.residual], 1)
-    parts = [y.slope, y.residual] if noise is None else [y.slope, y.residual, noise.factor]
     kept = active[:, None]
-    elements = Rows(jnp.where(kept, jnp.concatenate(parts, 1), 0.0), jnp.where(kept, difference, 0.0))
+    slope, residual, shared = jnp.where(kept, y.slope, 0.0), jnp.where(kept, y.residual, 0.0), x.slope
+    if x.residual.shape[1]:
+        slope, shared = jnp.concatenate([slope, residual], 1), jnp.concatenate([shared, x.residual], 1)
+        residual = residual[:, :0]
+    noise = None if noise is None else noise.masked(active)
+    noises = [jnp.zeros_like(slope[:, :0])] if noise is None else [noise.factor]
+    if residual.shape[1]:  # few columns in place of many
+        noises = [tria(jnp.concatenate([jax.vmap(_heard)(residual, floor), *noises], 1))]
+    elements = Rows(jnp.concatenate([slope, *noises], 1), jnp.where(kept, difference, 0.0))
     return elements, Rows(shared, jnp.zeros((shared.shape[0], difference.shape[1]), shared.dtype))
 
 
-def _heard(phi: Float[Array, " k"], computed: int, floor: Float[Array, ""]) -> Float[Array, " k"]:
-    """An element without what was computed of it, where that is mere round-off (its square below `floor`)."""
-    unheard = (jnp.sum(phi[:computed] ** 2) <= floor) & (jnp.arange(phi.shape[0]) < computed)
-    return jnp.where(unheard, 0.0, phi)
+def _heard(part: Float[Array, " k"], floor: Float[Array, ""]) -> Float[Array, " k"]:
+    """What was computed of an element, or nothing where it is mere round-off (its square below `floor`)."""
+    return jnp.where(jnp.sum(part**2) <= floor, 0.0, part)
 
 
 def _taken(element: Rows, carry: tuple[Rows, Rows]) -> tuple[tuple[Rows, Rows], Seen]:
     """Elements and states after one element, and what it looked like. (Elements taken before are of no account.)"""
     phi, difference = element
-    rho = _behind(jnp.append(phi, 0.0) ** 2, inclusive=True)
+    rho = materialized(_behind(jnp.pad(phi**2, (1, 1))[None])[0, :-1])
     informative = ~(rho[0] <= 0)
     roots = safe_sqrt(rho)
-    quotient = 1.0 / one_where_zero(roots)
-    kept = jnp.where(rho[:-1] <= 0, 1.0, roots[1:] * quotient[:-1])
-    moved = phi * quotient[1:] * quotient[:-1]
+    quotient = materialized(1.0 / one_where_zero(roots))
+    kept = materialized(jnp.where(rho[:-1] <= 0, 1.0, roots[1:] * quotient[:-1]))
+    moved = materialized(phi * quotient[1:] * quotient[:-1])
     difference = jnp.where(informative, difference, 0.0)
     variance = jnp.where(informative, rho[0], 1.0)
 
     def given(rows: Rows) -> Rows:
         k = rows.columns.shape[1]
-        weighted = rows.columns * phi[None, :k]
+        weighted = materialized(rows.columns * phi[None, :k])
         columns = rows.columns * kept[None, :k] - _behind(weighted) * moved[None, :k]
-        return Rows(columns, rows.difference - jnp.outer(weighted.sum(1) / variance, difference))
+        moving = rows.difference - jnp.outer(weighted.sum(1) / variance, difference)
+        return Rows(materialized(columns), materialized(moving))
 
     elements, states = carry
     return (given(elements), given(states)), Seen(difference[0] * quotient[0], variance, informative)
 
 
-def _behind(A: Float[Array, "*r k"], *, inclusive: bool = False) -> Float[Array, "*r k"]:
-    """Along the last axis, the sum of all elements behind each (and itself), in a logarithmic number of additions."""
-    k, reach = A.shape[-1], 1
-    front = [(0, 0)] * (A.ndim - 1)
-    if not inclusive:
-        A = jnp.pad(A[..., 1:], [*front, (0, 1)])
-    while reach < k:
-        A = A + jnp.pad(A[..., reach:], [*front, (0, reach)])
-        reach *= 2
-    return A
+def _behind(A: Float[Array, "r k"]) -> Float[Array, "r k"]:
+    """In every row, the sum of all elements behind each."""
+    if not small(A.shape[1]):
+        return jax.lax.cumsum(jnp.pad(A[:, 1:], ((0, 0), (0, 1))), 1, reverse=True)
+    total = jnp.zeros(A.shape[0], A.dtype)
+    columns = [total]
+    for j in range(A.shape[1] - 1, 0, -1):
+        total = total + A[:, j]
+        columns.append(total)
+    return jnp.stack(columns[::-1], axis=1)

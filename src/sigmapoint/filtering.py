@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from sigmapoint import checks
+from sigmapoint import checks, series
 from sigmapoint.belief import Belief, covariance
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.carry import Functions, Points
@@ -20,6 +20,7 @@ from sigmapoint.conditioning import Conditioned, condition
 from sigmapoint.iterate import relinearized
 from sigmapoint.methods import Method, srcdkf
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.native import folded
 from sigmapoint.noise import NoiseSeries
 from sigmapoint.results import FIELDS, Labels, Posterior
 from sigmapoint.rules.linearization import SigmaPointRule
@@ -114,7 +115,7 @@ class Filter(NamedTuple):
             return jnp.asarray(value).astype(dtype)
 
         noises = self.process.at(k), self.observation.at(k)
-        return Functions(f, h, *noises, model.state_space, model.observation_space)
+        return Functions(folded(f), folded(h), *noises, model.state_space, model.observation_space)
 
     def init(self) -> FilterState:
         """The initial belief, at instant 0."""
@@ -230,7 +231,7 @@ def scan(run: Filter, y: Array, u: Any, out: Callable[[FilterState, Info], Any])
         return (run.predict(state, row[1]), total + info.log_likelihood), out(state, info)
 
     start = (run.init(), jnp.zeros((), y.dtype))
-    (_, total), kept = jax.lax.scan(step, start, (y, u))
+    (_, total), kept = series.scan(step, start, (y, u))
     return kept, total
 
 
@@ -246,7 +247,7 @@ def _measured(y: Array, size: int) -> Bool[Array, " m"]:
 
 
 def _info(given: Conditioned, innovation: Array, cov: Array, active: Array) -> Info:
-    nis = given.white @ given.white
+    nis = jnp.sum(given.white**2)
     count = jnp.sum(given.informative, dtype=nis.dtype)
     log_density = -0.5 * (nis + count * LOG_2PI + jnp.sum(jnp.log(given.variance)))
     return Info(jnp.where(active, innovation, jnp.nan), cov, nis, log_density)

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float
 from sigmapoint.belief import Belief
 from sigmapoint.carry import Functions, whitened
 from sigmapoint.conditioning import Joint, condition
+from sigmapoint.native import applied
 from sigmapoint.rules.linearization import Linearization, Rule
 
 
@@ -44,7 +45,7 @@ def relinearized(
         mu = given.step[:, 0]
         value = rule.about(g, mu, given.root, fs.observation_space)
         joint = first._replace(value=value)
-        innovation = _innovation(value, y, fs, active) + jnp.where(active, value.slope @ mu, 0.0)
+        innovation = _innovation(value, y, fs, active) + jnp.where(active, applied(value.slope, mu), 0.0)
     return joint, innovation
 
 

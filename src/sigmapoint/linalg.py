@@ -16,8 +16,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-LARGEST_UNROLLED = 16
-"""Up to this size an algorithm is a few array operations for each row, which compile into one loop-free function."""
+from sigmapoint.native import materialized, product, small
+
+UNROLLED = 8
+"""Up to this size a loop over rows is written out: each then handles only what is left."""
 
 
 def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
@@ -27,17 +29,43 @@ def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     round-off, slightly indefinite) matrix has a finite factor. The lower triangle of `P` is read.
     """
     n = P.shape[0]
-    floor = n * jnp.finfo(P.dtype).eps * jnp.diagonal(P)
-    columns, rest = [], P
+    if small(n):
+        return _left_looking(P)
+    L = jnp.linalg.cholesky(P, symmetrize_input=False)
+    tiny = jnp.diagonal(L) ** 2 <= n * jnp.finfo(P.dtype).eps * jnp.diagonal(P)
+    return jax.lax.cond(jnp.isfinite(L).all() & ~tiny.any(), lambda: L, lambda: _right_looking(P))
+
+
+def _scale(pivot: Array, floor: Array) -> Array:
+    """What to multiply a column by: one over the root of its pivot; zero where that is singular."""
+    # False for NaN and infinity, which go on as NaN: an unknown variance is not a known zero.
+    singular = (pivot <= floor) & jnp.isfinite(pivot)
+    return jnp.where(singular, 0.0, 1 / jnp.sqrt(jnp.where(singular, 1.0, pivot)))
+
+
+def _left_looking(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    n = P.shape[0]
+    columns: list[Array] = []
     for j in range(n):
-        pivot = rest[j, j]
-        # False for NaN and infinity, which go on as NaN: an unknown variance is not a known zero.
-        singular = (pivot <= floor[j]) & jnp.isfinite(pivot)
-        root = jnp.sqrt(jnp.where(singular, 1.0, pivot))
-        column = jnp.where((jnp.arange(n) < j) | singular, 0.0, rest[:, j] / root)
-        columns.append(column)
-        rest = rest - jnp.outer(column, column)
-    return jnp.stack(columns, axis=1)
+        rest = P[j:, j]
+        for column in columns:
+            rest = rest - column[j - n :] * column[j - n]
+        scale = _scale(rest[0], n * jnp.finfo(P.dtype).eps * P[j, j])
+        columns.append(materialized(rest * scale))
+    return jnp.stack([jnp.pad(column, (j, 0)) for j, column in enumerate(columns)], axis=1)
+
+
+def _right_looking(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    n = P.shape[0]
+    floor = n * jnp.finfo(P.dtype).eps * jnp.diagonal(P)
+
+    def take(carry: tuple[Array, Array], j: Array) -> tuple[tuple[Array, Array], None]:
+        rest, L = carry
+        scale = _scale(rest[j, j], floor[j])
+        column = jnp.where(jnp.arange(n) < j, 0.0, rest[:, j] * scale)
+        return (rest - jnp.outer(column, column), L.at[:, j].set(column)), None
+
+    return jax.lax.scan(take, (P, jnp.zeros_like(P)), jnp.arange(n))[0][1]
 
 
 def solve_lower(S: Float[Array, "n n"], b: Float[Array, "n *k"]) -> Float[Array, "n *k"]:
@@ -53,16 +81,19 @@ def solve_upper(S: Float[Array, "n n"], b: Float[Array, "n *k"]) -> Float[Array,
 def _solve(S: Array, b: Array, transposed: int) -> Array:
     n = S.shape[0]
     regular = jnp.diagonal(S) != 0
-    if n > LARGEST_UNROLLED:
+    if not small(n):
         S = jnp.where(regular[:, None] & regular[None, :], S, jnp.eye(n, dtype=S.dtype))
         b = jnp.where(regular.reshape((-1,) + (1,) * (b.ndim - 1)), b, 0.0)
         return jax.scipy.linalg.solve_triangular(S, b, lower=True, trans=transposed)
-    rest, rows = b.reshape(n, -1), [b] * n
-    columns = S.T if transposed else S
+    inverse = jnp.where(regular, 1 / one_where_zero(jnp.diagonal(S)), 0.0)
+    columns, rows = S.T if transposed else S, b.reshape(n, -1)
+    solved: dict[int, Array] = {}
     for j in reversed(range(n)) if transposed else range(n):
-        rows[j] = jnp.where(regular[j], rest[j] / one_where_zero(S[j, j]), 0.0)
-        rest = rest - jnp.outer(columns[:, j], rows[j])
-    return jnp.stack(rows).reshape(b.shape)
+        row = rows[j]
+        for i, known in solved.items():
+            row = row - columns[j, i] * known
+        solved[j] = materialized(row * inverse[j])
+    return jnp.stack([solved[j] for j in range(n)]).reshape(b.shape)
 
 
 def safe_sqrt(x: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -82,7 +113,7 @@ def norm_rows(A: Float[Array, "n k"]) -> Float[Array, " n"]:
 
 
 def tria(A: Float[Array, "n k"], known: Float[Array, "n n"] | None = None) -> Float[Array, "n n"]:
-    """Lower triangular `L` with `L Lᵀ = A Aᵀ` and a diagonal that is not negative, by Householder reflections.
+    """Lower triangular `L` with `L Lᵀ = A Aᵀ` and a diagonal that is not negative, by orthogonalising the rows.
 
     A row of zeros after those above are taken out has a column of zeros, as in the Cholesky factor of `A Aᵀ`. A pivot
     far below the round-off of its row is kept: it is accurate, and a small variance is not a known one.
@@ -100,61 +131,83 @@ def tria(A: Float[Array, "n k"], known: Float[Array, "n n"] | None = None) -> Fl
 @jax.custom_jvp
 def _tria(A: Array, known: Array) -> Array:
     del known
-    return _reflected(A, A.shape[0])
+    return _orthogonalized(A)[0]
 
 
 @_tria.defjvp
 def _tria_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
     (A, known), (dA, dknown) = primals, tangents
-    n, k = A.shape
     fixed, fixed_known = jax.lax.stop_gradient((A, known))
-    both = _reflected(jnp.concatenate([fixed, jnp.eye(k, dtype=A.dtype)]), n)
-    L, Q = both[:n], both[n:]
+    L, Q = _orthogonalized(fixed)
     # For second derivatives: both again, the same in value, as functions of A and of `known`.
     L = L + _change(L, Q, A - fixed, known - fixed_known)
     rows = _resolved(L, A)
-    Q = Q + (rows - jax.lax.stop_gradient(rows)).T
+    Q = Q + (rows - jax.lax.stop_gradient(rows))
     return L, _change(L, Q, dA, dknown)
 
 
 def _change(L: Array, Q: Array, dA: Array, dknown: Array) -> Array:
     """The change of L with A and `known`, to first order; see the module."""
-    B = dA @ Q + 0.5 * _resolved(L, dknown).T
+    B = product(dA, Q.T) + 0.5 * _resolved(L, dknown).T
     K = jnp.triu(_resolved(L, B), 1)
-    return jnp.tril(B - L @ (K - K.T))
+    return jnp.tril(B - product(L, K - K.T))
 
 
-def _reflected(A: Float[Array, "r k"], n: int) -> Float[Array, "r n"]:
-    """`A Q` for the orthonormal `Q` that makes its first `n` rows lower triangular.
+def _orthogonalized(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[Array, "n k"]]:
+    """`L` and `Q` with `A = L Q`, by Gram-Schmidt, twice for every row.
 
-    Every row takes the direction of its largest element out of those below: with that choice reflections are accurate
-    row by row, also where rows differ by many orders of magnitude (Cox & Higham 1998). A row of zeros takes nothing
-    and leaves a column of zeros.
+    Round-off in a row is relative to each of its elements, so what the first pass leaves of large columns lies along
+    the rows before, and the second pass takes it out: accurate row by row, also where columns differ by many orders of
+    magnitude. (Giraud, Langou & Rozložník 2005: twice is enough.)
     """
-    columns = []
-    if A.shape[1] == 0:
-        return jnp.zeros((A.shape[0], n), A.dtype)
+    n, k = A.shape
+    if not small(n):
+        return _by_reflections(A)
+    if n > UNROLLED:
+        return _row_by_row(A)
+    rows, taken = [], jnp.zeros((0, k), A.dtype)
     for j in range(n):
-        column, A = _reflect(A)
-        columns.append(jnp.pad(column, (j, 0)))
-    return jnp.stack(columns, axis=1)
+        along, pivot, row = _projected(A[j], taken)
+        rows.append(materialized(jnp.append(along, pivot)))
+        taken = jnp.concatenate([taken, materialized(row)[None]])
+    return jnp.stack([jnp.pad(row, (0, n - 1 - j)) for j, row in enumerate(rows)]), taken
 
 
-def _reflect(A: Float[Array, "r k"]) -> tuple[Float[Array, " r"], Float[Array, "s k"]]:
-    """The first row's length and the others' components along it; and the others without its largest element's axis."""
-    row, rest = A[0], A[1:]
-    k = row.shape[0]
-    axis = (jnp.arange(k) == jnp.argmax(jnp.abs(row))).astype(A.dtype)
-    largest = row @ axis
-    # The sign that adds. False for NaN and infinity, which go on as NaN: an unknown variance is not a known zero.
-    sign = jnp.where(largest < 0, -1.0, 1.0).astype(A.dtype)
-    scale = one_where_zero(jnp.abs(largest))
-    row = row * (sign / scale)
-    size = jnp.sqrt(row @ row)
-    along = rest @ (row / one_where_zero(size))
-    v = (row + size * axis) / (1 + size)
-    left = (rest - jnp.outer(along + rest @ axis, v)) * (1 - axis)[None, :]
-    return jnp.concatenate([(scale * size)[None], sign * along]), jnp.where(largest == 0, rest, left)
+def _row_by_row(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[Array, "n k"]]:
+    n = A.shape[0]
+
+    def take(carry: tuple[Array, Array], j: Array) -> tuple[tuple[Array, Array], None]:
+        L, Q = carry
+        along, pivot, row = _projected(A[j], Q)
+        along = along + pivot * (jnp.arange(n) == j)
+        return (L.at[j].set(along), Q.at[j].set(row)), None
+
+    return jax.lax.scan(take, (jnp.zeros((n, n), A.dtype), jnp.zeros_like(A)), jnp.arange(n))[0]
+
+
+def _projected(row: Float[Array, " k"], Q: Float[Array, "j k"]) -> tuple[Array, Array, Array]:
+    """The components of a row along those of Q, the length of what is left, and its direction."""
+    along = jnp.zeros(Q.shape[0], row.dtype)
+    for _ in range(2 if Q.shape[0] else 0):
+        part = materialized(jnp.sum(Q * row[None, :], axis=1))
+        row = materialized(row - jnp.sum(Q * part[:, None], axis=0))
+        along = along + part
+    pivot = safe_sqrt(jnp.sum(row**2))
+    return along, pivot, row / one_where_zero(pivot)
+
+
+def _by_reflections(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[Array, "n k"]]:
+    """The same by LAPACK, columns sorted by size first: then it is accurate row by row as well (Cox & Higham 1998)."""
+    n, k = A.shape
+    order = jnp.argsort(-jnp.max(jnp.abs(A), axis=0))
+    wide = jnp.pad(A[:, order], ((0, 0), (0, max(n - k, 0))))
+    Q, R = jnp.linalg.qr(wide.T)
+    sign = jnp.where(jnp.diagonal(R) < 0, -1.0, 1.0).astype(A.dtype)
+    L, Q = jnp.tril(R.T * sign[None, :]), (Q * sign[None, :]).T
+    # LAPACK gives a row that repeats those above some direction and a column; Cholesky's factor has zeros there.
+    dead = jnp.diagonal(L) <= n * jnp.finfo(A.dtype).eps * norm_rows(A)
+    Q = jnp.zeros((n, k), A.dtype).at[:, order].set(Q[:, :k])
+    return jax.lax.cond(dead.any(), lambda: _row_by_row(A), lambda: (L, Q))
 
 
 def _resolved(L: Array, b: Array) -> Array:

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks
 from sigmapoint.belief import Spread
+from sigmapoint.native import applied
 from sigmapoint.spaces import Space
 
 
@@ -77,7 +78,7 @@ class AdditiveNoise(NamedTuple):
 
     def through(self, f: Callable[..., Any], space: Space) -> Entry:
         def call(x: Array, u: Any, xi: Array) -> Array:
-            return space.retract(f(x, u), self.mean + self.spread.factor @ xi)
+            return space.retract(f(x, u), self.mean + applied(self.spread.factor, xi))
 
         return Entry(self.mean.shape[0], call, None)
 
@@ -92,7 +93,7 @@ class StackedNoise(NamedTuple):
         return self.through(f, space)
 
     def through(self, f: Callable[..., Any], space: Space) -> Entry:
-        return Entry(self.mean.shape[0], lambda x, u, xi: f(x, u, self.mean + self.spread.factor @ xi), None)
+        return Entry(self.mean.shape[0], lambda x, u, xi: f(x, u, self.mean + applied(self.spread.factor, xi)), None)
 
 
 class Additive(eqx.Module):

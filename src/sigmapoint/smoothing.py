@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from sigmapoint import checks
+from sigmapoint import checks, series
 from sigmapoint.belief import Belief
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.conditioning import condition
@@ -37,7 +37,7 @@ class RTS:
             belief = reverse(run, *row, later)
             return belief, fields(keep, belief)
 
-        _, smoothed = jax.lax.scan(step, end, before, reverse=True)
+        _, smoothed = series.scan(step, end, before, reverse=True)
         last = fields(keep, end)
         smoothed = {name: jnp.concatenate([smoothed[name], last[name][None]]) for name in smoothed}
         return {**smoothed, **info, "log_likelihood": log_likelihood}

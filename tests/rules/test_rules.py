@@ -23,7 +23,7 @@ RULES = [*IN_USE, *OTHER_SETTINGS]
 
 
 def _moments(rule, g, n):
-    lin = rule(g, jnp.zeros(n), Euclidean())
+    lin = rule(g, jnp.eye(n), Euclidean())
     return lin.mean, lin.slope @ lin.slope.T + lin.residual @ lin.residual.T, lin.slope
 
 

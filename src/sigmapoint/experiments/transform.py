@@ -83,7 +83,7 @@ def transform(
         >>> float(transform(sp.cdkf().rule, jnp.square, jnp.zeros(1), 2 * jnp.eye(1)).mean[0].round(4))
         4.0
     """
-    lin = rule(lambda xi: g(mean + factor @ xi), jnp.zeros_like(mean), Euclidean())
+    lin = rule(lambda step: g(mean + step), factor, Euclidean())
     return Moments(lin.mean, lin.slope @ lin.slope.T + lin.residual @ lin.residual.T, factor @ lin.slope.T)
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from sigmapoint.linalg import solve_upper
+from sigmapoint.native import materialized, product
 from sigmapoint.spaces import Space
 
 
@@ -37,6 +38,27 @@ class Linearization(NamedTuple):
     """size of the numbers it was computed from: what is below their round-off is not there"""
 
 
+class Pairs(NamedTuple):
+    """What a symmetric set comes down to: see `paired`. Sums and differences of pairs take the place of products."""
+
+    spread: float
+    weight: float
+    even: float
+    mixed: float
+
+    def displaced(self, factor: Float[Array, "n N"]) -> Float[Array, "p n"]:
+        along = self.spread * factor.T
+        return jnp.concatenate([jnp.zeros_like(along[:1]), along, -along])
+
+    def projected(self, D: Float[Array, "q d"]) -> tuple[Array, Array, Array]:
+        ahead, behind = D[: D.shape[0] // 2], D[D.shape[0] // 2 :]
+        root = (self.weight / 2) ** 0.5
+        sums = materialized(root * (ahead + behind))
+        total = materialized(jnp.sum(sums, axis=0))
+        residual = self.even * sums + self.mixed * total[None, :] if self.mixed else self.even * sums
+        return 2 * root * total, root * (ahead - behind), residual
+
+
 class SigmaPoints(NamedTuple):
     """The constants of a sigma-point rule in `n` dimensions; row 0 is the centre, whatever its weight.
 
@@ -48,14 +70,29 @@ class SigmaPoints(NamedTuple):
     mean: Float[np.ndarray, " p"]
     slope: Float[np.ndarray, "n p"]
     residual: Float[np.ndarray, "k p"]
+    pairs: Pairs | None = None
+    """the same, where the points are symmetric pairs along the axes"""
+
+    def displaced(self, factor: Float[Array, "n N"]) -> Float[Array, "p n"]:
+        """The points as displacements of a vector with this square root of its covariance."""
+        return self.pairs.displaced(factor) if self.pairs else product(jnp.asarray(self.points, factor.dtype), factor.T)
+
+    def projected(self, D: Float[Array, "q d"]) -> tuple[Float[Array, " d"], Float[Array, "n d"], Float[Array, "k d"]]:
+        """Shift of the mean, Φᵀ and Eᵀ from the differences to the centre's value, of all other points."""
+        if self.pairs:
+            return self.pairs.projected(D)
+        shift, slope, residual = (
+            product(jnp.asarray(np.atleast_2d(c)[:, 1:], D.dtype), D) for c in (self.mean, self.slope, self.residual)
+        )
+        return shift[0], slope, residual
 
 
 @runtime_checkable
 class Rule(Protocol):
-    """How a function of a standard normal vector is linearised."""
+    """How a function of a Gaussian vector is linearised."""
 
-    def __call__(self, g: Callable[[Array], Array], origin: Float[Array, " n"], space: Space) -> Linearization:
-        """Linearise `g` about N(0, I). `origin` is a zero vector, for size and dtype; `space` is that of g's values."""
+    def __call__(self, g: Callable[[Array], Array], factor: Float[Array, "n N"], space: Space) -> Linearization:
+        """Linearise `g(factor ξ)` in ξ ~ N(0, I); `space` is that of g's values."""
         ...
 
     def about(
@@ -77,9 +114,9 @@ class SigmaPointRule(ABC):
     def sigma_points(self, n: int) -> SigmaPoints:
         """The constants in `n` dimensions; ValueError where the parameters do not work."""
 
-    def __call__(self, g: Callable[[Array], Array], origin: Float[Array, " n"], space: Space) -> Linearization:
-        points = jnp.asarray(self.constants(origin.shape[0]).points, origin.dtype)
-        return self.combine(jax.vmap(g)(points), origin.shape[0], space)
+    def __call__(self, g: Callable[[Array], Array], factor: Float[Array, "n N"], space: Space) -> Linearization:
+        N = factor.shape[1]
+        return self.combine(jax.vmap(g)(self.constants(N).displaced(factor)), N, space)
 
     def about(
         self,
@@ -91,7 +128,7 @@ class SigmaPointRule(ABC):
         # No narrower than differences can resolve: a direction known exactly would otherwise leave no slope to see.
         narrow = jnp.finfo(factor.dtype).eps ** (1 / 3) - jnp.diagonal(factor)
         factor = factor + jnp.diag(jnp.maximum(narrow, 0.0))
-        lin = self(lambda eta: g(mean + factor @ eta), jnp.zeros_like(mean), space)
+        lin = self(lambda step: g(mean + step), factor, space)
         slope = solve_upper(factor, lin.slope.T).T
         return lin._replace(slope=slope, scale=lin.scale / jnp.min(jnp.diagonal(factor)))
 
@@ -99,9 +136,7 @@ class SigmaPointRule(ABC):
         """The linearisation from the function values at the points of dimension `n`."""
         constants = self.constants(n)
         D = jax.vmap(space.residual, (0, None))(values[1:], values[0])
-        shift, slope, residual = (
-            jnp.asarray(c[..., 1:], D.dtype) @ D for c in (constants.mean, constants.slope, constants.residual)
-        )
+        shift, slope, residual = constants.projected(materialized(D))
         return Linearization(space.retract(values[0], shift), slope.T, residual.T, magnitude(values, slope.shape[1]))
 
     def constants(self, n: int) -> SigmaPoints:
@@ -170,7 +205,11 @@ def paired(
     eye = np.eye(n)
     E = even * eye + mixed
     return SigmaPoints(
-        points, weights, _behind_centre(root * np.hstack([eye, -eye])), _behind_centre(root * np.hstack([E, E]))
+        points,
+        weights,
+        _behind_centre(root * np.hstack([eye, -eye])),
+        _behind_centre(root * np.hstack([E, E])),
+        Pairs(float(points[1, 0]), float(weights[1]), float(even), float(mixed)),
     )
 
 

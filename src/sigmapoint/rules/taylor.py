@@ -19,9 +19,11 @@ from sigmapoint.spaces import Space
 class Taylor:
     """Linearise by the derivative at the mean."""
 
-    def __call__(self, g: Callable[[Array], Array], origin: Float[Array, " n"], space: Space) -> Linearization:
-        value = g(origin)
-        slope = jax.jacfwd(lambda xi: space.residual(g(xi), value))(origin)
+    def __call__(self, g: Callable[[Array], Array], factor: Float[Array, "n N"], space: Space) -> Linearization:
+        origin = jnp.zeros(factor.shape[0], factor.dtype)
+        value, along = jax.linearize(g, origin)
+        moved = jax.linearize(lambda v: space.residual(v, value), value)[1]
+        slope = jax.vmap(lambda column: moved(along(column)), 1, 1)(factor)
         scale = magnitude(value[None], slope.shape[0]) + jnp.sum(jnp.abs(slope), axis=1)
         return Linearization(value, slope, slope[:, :0], scale)
 
@@ -33,4 +35,4 @@ class Taylor:
         space: Space,
     ) -> Linearization:
         del factor  # a derivative at a point does not depend on the spread
-        return self(lambda xi: g(mean + xi), jnp.zeros_like(mean), space)
+        return self(lambda step: g(mean + step), jnp.eye(mean.shape[0], dtype=mean.dtype), space)

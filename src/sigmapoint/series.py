@@ -1,0 +1,61 @@
+"""A loop over a long series, in chunks whose buffers stay small: see `runtime`."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from sigmapoint.runtime import NATIVE, SMALL
+
+
+def scan(
+    step: Callable[[Any, Any], tuple[Any, Any]], start: Any, rows: Any, *, reverse: bool = False
+) -> tuple[Any, Any]:
+    """`jax.lax.scan`, in as many chunks as the size of its rows asks for.
+
+    Args:
+        step: `(state, row) -> (state, out)`.
+        start: the state before the first row (after the last one with `reverse`).
+        rows: pytree of arrays with a leading axis of the same length.
+        reverse: from the last row to the first.
+
+    Returns:
+        The state at the end, and what `step` gave out, stacked.
+    """
+    T = jax.tree.leaves(rows)[0].shape[0]
+    one = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), rows)
+    each = max(_bytes(one) + _bytes(jax.eval_shape(step, start, one)[1]), 1)
+    chunks = -(-T * each * 2 // SMALL) if NATIVE else 1
+    if chunks <= 1 or chunks >= T:
+        return jax.lax.scan(step, start, rows, reverse=reverse)
+    size = -(-T // chunks)
+    chunks = -(-T // size)
+    spare = chunks * size - T
+
+    def guarded(state: Any, row: Any) -> tuple[Any, Any]:
+        # Rows added to fill the last chunk repeat the one beside them and leave the state as it is.
+        real, row = row
+        after, out = step(state, row)
+        return jax.tree.map(lambda a, b: jnp.where(real, a, b), after, state), out
+
+    sides = (spare, 0) if reverse else (0, spare)
+
+    def folded(a: Array) -> Array:
+        a = jnp.pad(a, [sides, *[(0, 0)] * (a.ndim - 1)], mode="edge") if spare else a
+        return a.reshape(chunks, size, *a.shape[1:])
+
+    real = jnp.pad(jnp.ones(T, bool), sides).reshape(chunks, size)
+    end, out = jax.lax.scan(
+        lambda state, chunk: jax.lax.scan(guarded, state, chunk, reverse=reverse),
+        start,
+        (real, jax.tree.map(folded, rows)),
+        reverse=reverse,
+    )
+    kept = slice(spare, None) if reverse else slice(T)
+    return end, jax.tree.map(lambda a: a.reshape(chunks * size, *a.shape[2:])[kept], out)
+
+
+def _bytes(tree: Any) -> int:
+    return sum(a.size * a.dtype.itemsize for a in jax.tree.leaves(tree))
