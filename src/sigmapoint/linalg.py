@@ -96,7 +96,7 @@ def _solve(S: Array, b: Array, transposed: int) -> Array:
     return jnp.stack([solved[j] for j in range(n)]).reshape(b.shape)
 
 
-def safe_sqrt(x: Float[Array, " n"]) -> Float[Array, " n"]:
+def safe_sqrt(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """Square root with a derivative of zero (not infinity) at zero."""
     return jnp.where(x == 0, 0.0, jnp.sqrt(jnp.where(x == 0, 1.0, x)))
 
@@ -179,7 +179,7 @@ def _row_by_row(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[Arra
     def take(carry: tuple[Array, Array], j: Array) -> tuple[tuple[Array, Array], None]:
         L, Q = carry
         along, pivot, row = _projected(A[j], Q)
-        along = along + pivot * (jnp.arange(n) == j)
+        along = jnp.where(jnp.arange(n) == j, pivot, along)
         return (L.at[j].set(along), Q.at[j].set(row)), None
 
     return jax.lax.scan(take, (jnp.zeros((n, n), A.dtype), jnp.zeros_like(A)), jnp.arange(n))[0]
