@@ -17,10 +17,10 @@ from sigmapoint.belief import Belief, covariance
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.carry import Functions, Points
 from sigmapoint.conditioning import Conditioned, condition
+from sigmapoint.folding import folded
 from sigmapoint.iterate import relinearized
 from sigmapoint.methods import Method, srcdkf
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.native import folded
 from sigmapoint.noise import NoiseSeries
 from sigmapoint.results import FIELDS, Labels, Posterior
 from sigmapoint.rules.linearization import SigmaPointRule

@@ -15,7 +15,7 @@ that adds it. It is left alone where
 import os
 from typing import Any
 
-from jax._src import xla_bridge
+import jax
 
 VARIABLE = "SIGMAPOINT_NATIVE"
 OPTION = "xla_cpu_small_while_loop_byte_threshold"
@@ -37,7 +37,9 @@ def prepare() -> tuple[bool, str]:
 
 
 def _started() -> bool:
-    known: Any = getattr(xla_bridge, "backends_are_initialized", None)
+    # JAX has no public way to ask without starting.
+    bridge: Any = getattr(getattr(jax, "_src", None), "xla_bridge", None)
+    known = getattr(bridge, "backends_are_initialized", None)
     return bool(known()) if known else False
 
 

@@ -1,4 +1,4 @@
-"""The command line: `sigmapoint demo | run | compare | reproduce`. One file a command."""
+"""The command line: `sigmapoint demo | run | compare | reproduce | doctor`. One file a command."""
 
 from typing import Annotated
 
@@ -7,6 +7,7 @@ import typer
 from sigmapoint import __version__
 from sigmapoint.cli.compare import compare
 from sigmapoint.cli.demo import demo
+from sigmapoint.cli.doctor import doctor
 from sigmapoint.cli.errors import entered
 from sigmapoint.cli.reproduce import reproduce
 from sigmapoint.cli.run import run
@@ -34,7 +35,7 @@ def options(version: Version = False) -> None:
     """Nonlinear estimation with sigma-point Kalman filters. Computes in 64-bit numbers."""
 
 
-for command in (demo, run, compare, reproduce):
+for command in (demo, run, compare, reproduce, doctor):
     app.command()(command)
 
 

@@ -1,0 +1,121 @@
+"""Every form of the small linear algebra gives the same answers: the laws again with the native ones forced on."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from laws import ill_conditioned
+from laws.table import METHODS
+from laws.test_linear import _check
+
+import sigmapoint as sp
+from sigmapoint import folding, linalg, native
+
+
+@pytest.fixture(autouse=True)
+def _forced(monkeypatch):
+    monkeypatch.setattr(native, "NATIVE", True)
+    monkeypatch.setattr(folding, "NATIVE", True)
+    jax.clear_caches()  # what was compiled before has the other forms
+    yield
+    jax.clear_caches()
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 8, 9, 13, 24, 25, 40])
+def test_factorisations(n):
+    r = np.random.default_rng(n)
+    A = r.normal(size=(n, 2 * n + 1))
+    P = A @ A.T
+    np.testing.assert_allclose(linalg.cholesky(jnp.asarray(P)), np.linalg.cholesky(P), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(linalg.tria(jnp.asarray(A)), np.linalg.cholesky(P), rtol=1e-9, atol=1e-11)
+    S, b = jnp.linalg.cholesky(P), jnp.asarray(r.normal(size=(n, 3)))
+    np.testing.assert_allclose(linalg.solve_lower(S, b), np.linalg.solve(S, b), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(linalg.solve_upper(S, b), np.linalg.solve(S.T, b), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(native.product(jnp.asarray(A), jnp.asarray(A.T)), P, rtol=1e-12)
+
+
+@pytest.mark.parametrize("n", [3, 9, 26])
+def test_singular_matrices_have_the_factor_that_cholesky_gives(n):
+    """A row that repeats another, and one without variance, leave columns of zeros in every form."""
+    r = np.random.default_rng(n)
+    A = r.normal(size=(n, n + 2))
+    A[n - 1] = 0
+    L = linalg.tria(jnp.asarray(A))
+    np.testing.assert_allclose(L @ L.T, A @ A.T, atol=1e-13 * n)
+    assert (L[:, n - 1] == 0).all()
+    P = A @ A.T
+    P[1], P[:, 1] = P[0], P[:, 0]
+    P[1, 1] = P[0, 0]
+    L = linalg.cholesky(jnp.asarray(P))
+    np.testing.assert_allclose(L @ L.T, P, atol=1e-12 * n)
+    assert (L[:, 1] == 0).all()
+
+
+@pytest.mark.parametrize("n", [2, 9])
+def test_derivatives_of_the_triangularisation(n):
+    r = np.random.default_rng(n)
+    A, dA = r.normal(size=(2, n, 2 * n))
+    L, dL = jax.jvp(linalg.tria, (jnp.asarray(A),), (jnp.asarray(dA),))
+    np.testing.assert_allclose(dL @ L.T + L @ dL.T, dA @ A.T + A @ dA.T, atol=1e-11)
+    assert (jnp.triu(dL, 1) == 0).all()
+
+
+def test_products_in_a_users_function_become_sums_with_the_same_value_and_derivative():
+    r = np.random.default_rng(0)
+    A, B, x = jnp.asarray(r.normal(size=(3, 4))), jnp.asarray(r.normal(size=(4, 3))), jnp.asarray(r.normal(size=4))
+
+    def f(x, u):
+        return jnp.tanh(A @ x) + (B.T @ x) * (x @ x) + jnp.einsum("ij,i->j", B, x) + (x @ (B @ A)[:, :3])
+
+    g = folding.folded(f)
+    assert "dot_general" not in str(jax.make_jaxpr(g)(x, None))
+    np.testing.assert_allclose(g(x, None), f(x, None), rtol=1e-14)
+    np.testing.assert_allclose(jax.jacfwd(g)(x, None), jax.jacfwd(f)(x, None), rtol=1e-13)
+    np.testing.assert_allclose(jax.jacrev(g)(x, None), jax.jacrev(f)(x, None), rtol=1e-13)
+    many = jnp.stack([x, 2 * x])
+    np.testing.assert_allclose(jax.vmap(lambda x: g(x, None))(many), jax.vmap(lambda x: f(x, None))(many), rtol=1e-14)
+
+
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("name", "n"),
+    [
+        ("sr cdkf", 5),
+        ("ekf", 1),
+        ("ukf", 2),
+        *(pytest.param(name, n, marks=SLOW) for name in ("cdkf", "sr cdkf", "sr augmented") for n in (1, 3, 8, 13)),
+    ],
+)
+def test_linear_models(name, n):
+    _check(name, n, iterations=1)
+
+
+@pytest.mark.parametrize("name", ["sr ekf", "sr cdkf"])
+def test_ill_conditioned_models(name):
+    for m, coupled in ((1, True), (3, False)):
+        case = ill_conditioned.case(m, coupled)
+        post = ill_conditioned.filtered(case, METHODS[name], jnp.float64)
+        assert ill_conditioned.sound(post)
+        assert ill_conditioned.worst(post, case.exact) < 1e-8
+
+
+@SLOW
+def test_gradient_of_the_likelihood():
+    y = np.random.default_rng(0).normal(size=(20, 1))
+
+    def likelihood(q):
+        model = sp.StateSpaceModel(
+            lambda x, u: jnp.stack([x[0] + 0.1 * x[1], x[1] - 0.1 * jnp.sin(x[0])]),
+            lambda x, u: x[:1],
+            q * jnp.eye(2),
+            0.1 * jnp.eye(1),
+            sp.Gaussian(jnp.zeros(2), jnp.eye(2)),
+        )
+        return sp.filter(model, y, method=sp.srcdkf()).log_likelihood
+
+    h = 1e-6
+    for q in (0.02, 1e-3):
+        difference = (likelihood(q + h * q) - likelihood(q - h * q)) / (2 * h * q)
+        np.testing.assert_allclose(jax.grad(likelihood)(q), difference, rtol=1e-6)
