@@ -28,12 +28,7 @@ def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     A pivot that is not above round-off of its own diagonal element gives a zero column, so that a singular (or, by
     round-off, slightly indefinite) matrix has a finite factor. The lower triangle of `P` is read.
     """
-    n = P.shape[0]
-    if small(n):
-        return _left_looking(P)
-    L = jnp.linalg.cholesky(P, symmetrize_input=False)
-    tiny = jnp.diagonal(L) ** 2 <= n * jnp.finfo(P.dtype).eps * jnp.diagonal(P)
-    return jax.lax.cond(jnp.isfinite(L).all() & ~tiny.any(), lambda: L, lambda: _right_looking(P))
+    return _left_looking(P) if small(P.shape[0]) else _by_lapack(P)
 
 
 def _scale(pivot: Array, floor: Array) -> Array:
@@ -53,6 +48,19 @@ def _left_looking(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
         scale = _scale(rest[0], n * jnp.finfo(P.dtype).eps * P[j, j])
         columns.append(materialized(rest * scale))
     return jnp.stack([jnp.pad(column, (j, 0)) for j, column in enumerate(columns)], axis=1)
+
+
+@jax.custom_jvp
+def _by_lapack(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    L = jnp.linalg.cholesky(P, symmetrize_input=False)
+    tiny = jnp.diagonal(L) ** 2 <= P.shape[0] * jnp.finfo(P.dtype).eps * jnp.diagonal(P)
+    return jax.lax.cond(jnp.isfinite(L).all() & ~tiny.any(), lambda: L, lambda: _right_looking(P))
+
+
+@_by_lapack.defjvp
+def _by_lapack_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
+    # LAPACK's has no finite derivative where P is singular.
+    return jax.jvp(_right_looking, primals, tangents)
 
 
 def _right_looking(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
