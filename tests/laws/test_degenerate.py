@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import sigmapoint as sp
+from sigmapoint.linalg import tria
 
 METHODS = [sp.ekf(), sp.srekf(), sp.srukf(), sp.srcdkf(), sp.ukf(), sp.iterated(sp.srcdkf(), 3)]
 R = np.random.default_rng(0)
@@ -153,3 +154,24 @@ def test_an_exact_constraint_between_states_is_imposed_once(method):
     np.testing.assert_allclose(post.mean, np.broadcast_to(m0 + 2 * K, (6, 2)), rtol=1e-12)
     np.testing.assert_allclose(post.std, np.broadcast_to(std, (6, 2)), rtol=1e-9)
     assert np.all(post.nis[1:] == 0)
+
+
+@pytest.mark.parametrize(("n", "rank", "spare"), [(5, 3, 2), (8, 4, 0), (12, 4, 8), (25, 9, 16)])
+def test_triangularisation_of_fewer_independent_columns_than_rows(n, rank, spare):
+    """Rows that depend on those before leave round-off, which has no direction that later rows could be split along."""
+    for seed in range(5):
+        r = np.random.default_rng([n, seed])
+        A = np.concatenate([r.normal(size=(n, rank)), np.zeros((n, spare))], axis=1)
+        L = tria(jnp.asarray(A))
+        np.testing.assert_allclose(L @ L.T, A @ A.T, atol=1e-13 * n)
+
+
+def test_states_that_start_with_few_independent_errors():
+    r = np.random.default_rng(0)
+    n, P0 = 12, np.diag([1.0] * 4 + [0.0] * 8)
+    F, H = 0.5 * r.normal(size=(n, n)), np.eye(n)[:1]
+    y = r.normal(size=(4, 1))
+    parts = (F, H, np.zeros((n, n)), np.eye(1), np.zeros(n), P0)
+    a, b = (_linear(sp.filter, y, method, *parts) for method in (sp.srcdkf(), sp.ekf()))
+    np.testing.assert_allclose(a.cov, b.cov, atol=1e-10 * np.abs(b.cov).max())
+    np.testing.assert_allclose(a.mean, b.mean, atol=1e-9 * np.abs(b.mean).max())
