@@ -55,13 +55,9 @@ def _evaluate(jaxpr: Any, consts: Any, args: Any) -> list[Any]:
 
 def _foldable(eqn: Any) -> bool:
     contracted, batch = eqn.params["dimension_numbers"]
-    a, b = (v.aval for v in eqn.invars)
-    return (
-        batch == ((), ())
-        and len(contracted[0]) == 1
-        and max(a.ndim, b.ndim) <= 2
-        and {a.dtype, b.dtype} == {eqn.outvars[0].aval.dtype}
-    )
+    a, b, result = (v.aval for v in (*eqn.invars, *eqn.outvars))
+    simple = batch == ((), ()) and len(contracted[0]) == 1 and max(a.ndim, b.ndim) <= 2
+    return simple and a.dtype == b.dtype == result.dtype
 
 
 def _summed(a: Array, b: Array, left: tuple[int, ...], right: tuple[int, ...]) -> Array:

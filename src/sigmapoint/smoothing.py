@@ -1,9 +1,9 @@
 """Smoothing: each state from all measurements, past and future.
 
 Rauch, Tung & Striebel (1965) for the linear case; Särkkä (2008) for sigma points: going back from the end, the
-transition is reversed about the filtered belief, x[k] given x[k+1], and the smoothed x[k+1] is put in. That is the same
-`condition` as a measurement update, so the square-root form has no downdate either: with x[k] given x[k+1] of covariance
-B Bᵀ and gain G, P_s = G P_s⁺ Gᵀ + B Bᵀ.
+transition is reversed about the filtered belief, x[k] given x[k+1], and the smoothed x[k+1] is put in. That is
+`condition`, as for a measurement update, so the square-root form has no downdate either: with the gain G, and B Bᵀ the
+covariance of x[k] given x[k+1], P_s = G P_s⁺ Gᵀ + B Bᵀ.
 """
 
 from dataclasses import dataclass
