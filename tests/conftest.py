@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 # Most programs here run once: compile fast. The native forms of small arrays have tests of their own.
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
 os.environ.setdefault("SIGMAPOINT_NATIVE", "0")
 
 import jax

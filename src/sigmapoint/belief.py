@@ -3,7 +3,7 @@
 Both give a factor to draw points with and take a factor back. They differ in what they keep between, and in how they
 add up what a function's value is made of, Φ ξ + E ε + noise:
 
-* Dense: P = Φ Φᵀ + E Eᵀ + Q.
+* Dense: P = Φ Φᵀ + E Eᵀ + Q, one Cholesky factorisation.
 * Square root: L = tria [Φ E S_Q], one orthogonal triangularisation.
 """
 
@@ -35,14 +35,11 @@ class Spread(NamedTuple):
 
 
 class Dense(NamedTuple):
-    """Mean and covariance. `mean` may be longer than the covariance (a point on a manifold)."""
+    """Mean and covariance, and a lower factor of it. `mean` may be longer than they are (a point on a manifold)."""
 
     mean: Float[Array, " d"]
     cov: Float[Array, "n n"]
-
-    @property
-    def factor(self) -> Float[Array, "n n"]:
-        return cholesky(self.cov)
+    factor: Float[Array, "n n"]
 
     @property
     def std(self) -> Float[Array, " n"]:
@@ -51,17 +48,18 @@ class Dense(NamedTuple):
     @classmethod
     def of(cls, mean: Float[Array, " d"], cov: Float[Array, "n n"]) -> "Dense":
         """From a mean and a covariance."""
-        return cls(mean, cov)
+        return cls(mean, cov, cholesky(cov))
 
     @classmethod
     def from_root(cls, mean: Float[Array, " d"], root: Float[Array, "n k"]) -> "Dense":
         """With covariance `root rootᵀ`; a square root is lower triangular."""
-        return cls(mean, symmetric(product(root, root.T)))
+        cov = symmetric(product(root, root.T))
+        return cls(mean, cov, root) if root.shape[0] == root.shape[1] else cls.of(mean, cov)
 
     @classmethod
     def marginal(cls, x: Linearization, noise: Spread | None) -> "Dense":
         """The belief about `x`, with independent noise added."""
-        return cls(x.mean, covariance(x, noise))
+        return cls.of(x.mean, covariance(x, noise))
 
 
 class SquareRoot(NamedTuple):
