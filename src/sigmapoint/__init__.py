@@ -30,6 +30,7 @@ from sigmapoint.methods import (
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive, Gaussian, NonAdditive
 from sigmapoint.online import OnlineFilter, online
+from sigmapoint.posterior_linearization import ipls
 from sigmapoint.results import Posterior
 from sigmapoint.simulation import simulate
 from sigmapoint.smoothing import rts, smooth
@@ -74,6 +75,7 @@ __all__ = [
     "extended_set",
     "filter",
     "ghkf",
+    "ipls",
     "iterated",
     "julier_ukf",
     "load",

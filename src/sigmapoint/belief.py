@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from sigmapoint.linalg import cholesky, norm_rows, safe_sqrt, tria
-from sigmapoint.native import materialized, product
+from sigmapoint.linalg import cholesky, norm_rows, tria
+from sigmapoint.native import gram, materialized
 from sigmapoint.rules.linearization import Linearization
 
 
@@ -43,23 +43,28 @@ class Dense(NamedTuple):
 
     @property
     def std(self) -> Float[Array, " n"]:
-        return safe_sqrt(jnp.diagonal(self.cov))
+        return norm_rows(self.factor)
 
     @classmethod
     def of(cls, mean: Float[Array, " d"], cov: Float[Array, "n n"]) -> "Dense":
         """From a mean and a covariance."""
-        return cls(mean, cov, cholesky(cov))
+        return cls(mean, symmetric(cov), cholesky(cov))
 
     @classmethod
     def from_root(cls, mean: Float[Array, " d"], root: Float[Array, "n k"]) -> "Dense":
         """With covariance `root rootᵀ`; a square root is lower triangular."""
-        cov = symmetric(product(root, root.T))
-        return cls(mean, cov, root) if root.shape[0] == root.shape[1] else cls.of(mean, cov)
+        cov = gram(root.T)
+        return cls(mean, symmetric(cov), root) if root.shape[0] == root.shape[1] else cls.of(mean, cov)
 
     @classmethod
     def marginal(cls, x: Linearization, noise: Spread | None) -> "Dense":
         """The belief about `x`, with independent noise added."""
-        return cls.of(x.mean, covariance(x, noise))
+        return cls.of(x.mean, _sum(jnp.concatenate([x.slope, x.residual], axis=1), noise))
+
+    @staticmethod
+    def root(columns: Float[Array, "c k"], noise: Spread | None) -> Float[Array, "c c"]:
+        """A lower factor of `columns columnsᵀ`, with independent noise added."""
+        return cholesky(_sum(columns, noise))
 
 
 class SquareRoot(NamedTuple):
@@ -70,7 +75,7 @@ class SquareRoot(NamedTuple):
 
     @property
     def cov(self) -> Float[Array, "n n"]:
-        return symmetric(product(self.factor, self.factor.T))
+        return symmetric(gram(self.factor.T))
 
     @property
     def std(self) -> Float[Array, " n"]:
@@ -86,10 +91,13 @@ class SquareRoot(NamedTuple):
 
     @classmethod
     def marginal(cls, x: Linearization, noise: Spread | None) -> "SquareRoot":
+        return cls(x.mean, cls.root(jnp.concatenate([x.slope, x.residual], axis=1), noise))
+
+    @staticmethod
+    def root(columns: Float[Array, "c k"], noise: Spread | None) -> Float[Array, "c c"]:
         if noise is None:
-            return cls(x.mean, tria(jnp.concatenate([x.slope, x.residual], axis=1)))
-        columns = [x.slope, x.residual, jax.lax.stop_gradient(noise.factor)]
-        return cls(x.mean, tria(jnp.concatenate(columns, axis=1), known=noise.cov))
+            return tria(columns)
+        return tria(jnp.concatenate([columns, jax.lax.stop_gradient(noise.factor)], axis=1), known=noise.cov)
 
 
 Belief: TypeAlias = Dense | SquareRoot
@@ -97,9 +105,12 @@ Belief: TypeAlias = Dense | SquareRoot
 
 def covariance(x: Linearization, noise: Spread | None) -> Float[Array, "d d"]:
     """Φ Φᵀ + E Eᵀ, plus that of the noise: exactly symmetric."""
-    root = jnp.concatenate([x.slope, x.residual], axis=1)
-    P = product(root, root.T)
-    return symmetric(P if noise is None else P + noise.cov)
+    return symmetric(_sum(jnp.concatenate([x.slope, x.residual], axis=1), noise))
+
+
+def _sum(columns: Float[Array, "c k"], noise: Spread | None) -> Float[Array, "c c"]:
+    P = gram(columns.T)
+    return P if noise is None else P + noise.cov
 
 
 def symmetric(P: Float[Array, "n n"]) -> Float[Array, "n n"]:

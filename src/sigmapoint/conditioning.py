@@ -15,15 +15,16 @@ An update takes in a measurement: `difference` is the innovation, one column. A 
 columns are a difference of means and a factor.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from sigmapoint.belief import Spread
-from sigmapoint.linalg import one_where_zero, safe_sqrt, tria
-from sigmapoint.native import materialized, small
+from sigmapoint.belief import Belief, Spread
+from sigmapoint.linalg import one_where_zero, safe_sqrt
+from sigmapoint.native import LARGEST, materialized, small
 from sigmapoint.rules.linearization import Linearization
 
 UNROLLED = 4
@@ -62,34 +63,73 @@ class Seen(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Quantities over ζ: their columns, and what is left of their differences."""
+    """Quantities over ζ: one row of `slope` for each coordinate, and what is left of their differences."""
 
-    columns: Float[Array, "r k"]
+    slope: Float[Array, "k r"]
     difference: Float[Array, "r c"]
 
 
-def condition(joint: Joint, difference: Float[Array, "d c"], active: Bool[Array, " d"]) -> Conditioned:
-    """The state of `joint` given that its value differs from its mean by `difference`, in the elements `active`."""
+def condition(
+    joint: Joint, difference: Float[Array, "d c"], active: Bool[Array, " d"], kind: type[Belief]
+) -> Conditioned:
+    """The state of `joint` given that its value differs from its mean by `difference`, in the elements `active`.
+
+    Noises are added up in the way of beliefs of this `kind`.
+    """
     floor = (ROUND_OFF * jnp.finfo(difference.dtype).eps * jax.lax.stop_gradient(joint.value.scale)) ** 2
-    elements, states = _arranged(joint, difference, active, floor)
-    d, n = difference.shape[0], states.columns.shape[1]
+    elements, states = _arranged(joint, difference, active, floor, kind)
+    large = max(elements.slope.shape) > 2 * LARGEST
+    return (_together if large else _one_by_one)(elements, states, floor)
+
+
+def _one_by_one(elements: Rows, states: Rows, floor: Float[Array, " d"]) -> Conditioned:
+    n, d = states.slope.shape[0], floor.shape[0]
 
     def take(carry: tuple[Rows, Rows], i: Array | int) -> tuple[tuple[Rows, Rows], Seen]:
-        phi, own = carry[0].columns[i], carry[0].difference[i]
-        heard = jnp.append(_heard(phi[:n], floor[i]), phi[n:])
-        return _taken(Rows(materialized(heard), own), carry)
+        phi, own = carry[0].slope[:, i], carry[0].difference[i]
+        return _taken(materialized(jnp.append(_heard(phi[:n], floor[i]), phi[n:])), own, carry)
 
     if d > (UNROLLED if small(n) else 1):
         (_, states), seen = jax.lax.scan(take, (elements, states), jnp.arange(d))
-        return Conditioned(-states.difference, states.columns, *seen)
+        return Conditioned(-states.difference, states.slope.T, *seen)
     each = []
     for i in range(d):
         (elements, states), one = take((elements, states), i)
         each.append(one)
-    return Conditioned(-states.difference, states.columns, *(jnp.stack(part) for part in zip(*each)))
+    return Conditioned(-states.difference, states.slope.T, *(jnp.stack(part) for part in zip(*each)))
 
 
-def _arranged(joint: Joint, difference: Array, active: Array, floor: Array) -> tuple[Rows, Rows]:
+@jax.custom_jvp
+def _together(elements: Rows, states: Rows, floor: Float[Array, " d"]) -> Conditioned:
+    """The same from the Cholesky factor of the covariance of (y, ξ), where that loses no more than a third of the
+    digits; in libraries, for large arrays."""
+    n, d = states.slope.shape[0], floor.shape[0]
+    phi = jax.vmap(_heard)(elements.slope[:n].T, floor)
+    P = phi @ phi.T + elements.slope[n:].T @ elements.slope[n:]
+    silent = jnp.diagonal(P) <= 0
+    P = P + jnp.diag(silent.astype(P.dtype))
+    eye = jnp.eye(n, dtype=P.dtype)
+    L = jnp.linalg.cholesky(jnp.block([[P, phi], [phi.T, eye]]), symmetrize_input=False)
+    variance = jnp.diagonal(L) ** 2
+    least = jnp.finfo(P.dtype).eps ** (1 / 3)
+    clear = variance > least * jnp.append(jnp.diagonal(P), jnp.ones(n, P.dtype))
+    clear &= variance > jnp.append(jnp.where(silent, 0.0, 1e4 * floor), jnp.zeros(n, P.dtype))
+
+    def direct() -> Conditioned:
+        difference = jnp.where(silent[:, None], 0.0, elements.difference)
+        white = jax.scipy.linalg.solve_triangular(L[:d, :d], difference, lower=True)
+        root = states.slope.T @ L[d:]
+        return Conditioned(root[:, :d] @ white, root[:, d:], white[:, 0], variance[:d], ~silent)
+
+    return jax.lax.cond(clear.all(), direct, lambda: _one_by_one(elements, states, floor))
+
+
+@_together.defjvp
+def _together_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Conditioned, Conditioned]:
+    return jax.jvp(_one_by_one, primals, tangents)
+
+
+def _arranged(joint: Joint, difference: Array, active: Array, floor: Array, kind: type[Belief]) -> tuple[Rows, Rows]:
     """The value's elements over (ξ, noises), and the states over ξ."""
     y, x, noise = joint
     kept = active[:, None]
@@ -98,11 +138,13 @@ def _arranged(joint: Joint, difference: Array, active: Array, floor: Array) -> t
         slope, shared = jnp.concatenate([slope, residual], 1), jnp.concatenate([shared, x.residual], 1)
         residual = residual[:, :0]
     noise = None if noise is None else noise.masked(active)
-    noises = [jnp.zeros_like(slope[:, :0])] if noise is None else [noise.factor]
     if residual.shape[1]:  # few columns in place of many
-        noises = [tria(jnp.concatenate([jax.vmap(_heard)(residual, floor), *noises], 1))]
-    elements = Rows(jnp.concatenate([slope, *noises], 1), jnp.where(kept, difference, 0.0))
-    return elements, Rows(shared, jnp.zeros((shared.shape[0], difference.shape[1]), shared.dtype))
+        slope = jnp.concatenate([slope, kind.root(jax.vmap(_heard)(residual, floor), noise)], 1)
+    elif noise is not None:
+        slope = jnp.concatenate([slope, noise.factor], 1)
+    elements, states = materialized(slope.T, shared.T)
+    nothing = jnp.zeros((shared.shape[0], difference.shape[1]), shared.dtype)
+    return Rows(elements, jnp.where(kept, difference, 0.0)), Rows(states, nothing)
 
 
 def _heard(part: Float[Array, " k"], floor: Float[Array, ""]) -> Float[Array, " k"]:
@@ -110,36 +152,45 @@ def _heard(part: Float[Array, " k"], floor: Float[Array, ""]) -> Float[Array, " 
     return jnp.where(jnp.sum(part**2) <= floor, 0.0, part)
 
 
-def _taken(element: Rows, carry: tuple[Rows, Rows]) -> tuple[tuple[Rows, Rows], Seen]:
+def _taken(
+    phi: Float[Array, " k"], difference: Float[Array, " c"], carry: tuple[Rows, Rows]
+) -> tuple[tuple[Rows, Rows], Seen]:
     """Elements and states after one element, and what it looked like. (Elements taken before are of no account.)"""
-    phi, difference = element
-    rho = materialized(_behind(jnp.pad(phi**2, (1, 1))[None])[0, :-1])
+    rho = materialized(_from_each(phi**2))
     informative = ~(rho[0] <= 0)
     roots = safe_sqrt(rho)
     quotient = materialized(1.0 / one_where_zero(roots))
-    kept = materialized(jnp.where(rho[:-1] <= 0, 1.0, roots[1:] * quotient[:-1]))
-    moved = materialized(phi * quotient[1:] * quotient[:-1])
+    kept = jnp.where(rho[:-1] <= 0, 1.0, roots[1:] * quotient[:-1])
+    kept, moved = materialized(kept, phi * quotient[1:] * quotient[:-1])
     difference = jnp.where(informative, difference, 0.0)
     variance = jnp.where(informative, rho[0], 1.0)
+    weighted = materialized(*(rows.slope * phi[: rows.slope.shape[0], None] for rows in carry))
 
-    def given(rows: Rows) -> Rows:
-        k = rows.columns.shape[1]
-        weighted = materialized(rows.columns * phi[None, :k])
-        columns = rows.columns * kept[None, :k] - _behind(weighted) * moved[None, :k]
-        moving = rows.difference - jnp.outer(weighted.sum(1) / variance, difference)
-        return Rows(materialized(columns), materialized(moving))
+    def given(rows: Rows, weighted: Array) -> Rows:
+        k = weighted.shape[0]
+        slope = rows.slope * kept[:k, None] - _behind(weighted) * moved[:k, None]
+        return Rows(slope, rows.difference - jnp.outer(weighted.sum(0) / variance, difference))
 
-    elements, states = carry
-    return (given(elements), given(states)), Seen(difference[0] * quotient[0], variance, informative)
+    after = jax.tree.map(given, carry, weighted, is_leaf=lambda x: isinstance(x, Rows))
+    after = jax.tree.unflatten(jax.tree.structure(after), materialized(*jax.tree.leaves(after)))
+    return after, Seen(difference[0] * quotient[0], variance, informative)
 
 
-def _behind(A: Float[Array, "r k"]) -> Float[Array, "r k"]:
-    """In every row, the sum of all elements behind each."""
-    if not small(A.shape[1]):
-        return jax.lax.cumsum(jnp.pad(A[:, 1:], ((0, 0), (0, 1))), 1, reverse=True)
-    total = jnp.zeros(A.shape[0], A.dtype)
-    columns = [total]
-    for j in range(A.shape[1] - 1, 0, -1):
-        total = total + A[:, j]
-        columns.append(total)
-    return jnp.stack(columns[::-1], axis=1)
+def _from_each(x: Float[Array, " k"]) -> Float[Array, " k+1"]:
+    """The sum of each element and all behind it; 0 at the end."""
+    k = x.shape[0]
+    if not small(k // 2):  # as many noises as states
+        return jnp.append(jax.lax.cumsum(x, reverse=True), jnp.zeros_like(x[:1]))
+    return jnp.sum(jnp.where(np.tri(k, k + 1, dtype=bool), x[:, None], 0.0), axis=0)
+
+
+def _behind(A: Float[Array, "k r"]) -> Float[Array, "k r"]:
+    """In every column, the sum of all elements behind each."""
+    if not small(A.shape[0] // 2):
+        return jax.lax.cumsum(jnp.pad(A[1:], ((0, 1), (0, 0))), 0, reverse=True)
+    total = jnp.zeros(A.shape[1], A.dtype)
+    rows = [total]
+    for j in range(A.shape[0] - 1, 0, -1):
+        total = total + A[j]
+        rows.append(total)
+    return jnp.stack(rows[::-1])

@@ -82,6 +82,14 @@ class Info(NamedTuple):
     log_likelihood: Float[Array, ""]
     """Natural logarithm of the predicted density of what was measured (a density in the inverse units of `y`)."""
 
+    @classmethod
+    def of(cls, given: Conditioned, innovation: Array, cov: Array, active: Array) -> "Info":
+        """From a prediction that has been conditioned on the measurement."""
+        nis = jnp.sum(given.white**2)
+        count = jnp.sum(given.informative, dtype=nis.dtype)
+        log_density = -0.5 * (nis + count * LOG_2PI + jnp.sum(jnp.log(given.variance)))
+        return cls(jnp.where(active, innovation, jnp.nan), cov, nis, log_density)
+
 
 class Filter(NamedTuple):
     """A model made ready for a method: noises factored, functions checked as they are traced."""
@@ -131,16 +139,16 @@ class Filter(NamedTuple):
     def update(self, state: FilterState, y: Float[Array, " d"], u: Any) -> tuple[FilterState, Info]:
         """The belief after a measurement; elements that are NaN were not measured."""
         belief, fs = state.belief, self.functions(state.step, y.shape)
-        active = _measured(y, jax.eval_shape(fs.observation_space.residual, y, y).shape[0])
+        active = measured(y, jax.eval_shape(fs.observation_space.residual, y, y).shape[0])
         joint = self.method.carry.measurement(self.method.rule, belief, state.points, fs, u)
         y_known = jnp.where(jnp.isnan(y), joint.value.mean, y)
         innovation = jnp.where(active, fs.observation_space.residual(y_known, joint.value.mean), 0.0)
-        given = condition(joint, innovation[:, None], active)
-        info = _info(given, innovation, covariance(joint.value, joint.noise), active)
+        given = condition(joint, innovation[:, None], active, self.method.belief)
+        info = Info.of(given, innovation, covariance(joint.value, joint.noise), active)
         if self.method.iterations > 1:
             passes = self.method.iterations - 1
             joint, innovation = relinearized(self.method.rule, passes, joint, belief, fs, y, u, active)
-            given = condition(joint, innovation[:, None], active)
+            given = condition(joint, innovation[:, None], active, self.method.belief)
         mean = fs.state_space.retract(joint.state.mean, given.step[:, 0])
         return self._state(type(belief).from_root(mean, given.root), state.step), info
 
@@ -241,13 +249,7 @@ def fields(keep: tuple[str, ...], *sources: Any) -> dict[str, Array]:
     return {name: getattr(source, name) for name, source in found.items() if source is not None}
 
 
-def _measured(y: Array, size: int) -> Bool[Array, " m"]:
+def measured(y: Array, size: int) -> Bool[Array, " m"]:
+    """Which elements of an innovation of that size were measured; on a manifold, all or none."""
     missing = jnp.isnan(y)
     return ~missing if y.shape[0] == size else jnp.broadcast_to(~missing.any(), (size,))
-
-
-def _info(given: Conditioned, innovation: Array, cov: Array, active: Array) -> Info:
-    nis = jnp.sum(given.white**2)
-    count = jnp.sum(given.informative, dtype=nis.dtype)
-    log_density = -0.5 * (nis + count * LOG_2PI + jnp.sum(jnp.log(given.variance)))
-    return Info(jnp.where(active, innovation, jnp.nan), cov, nis, log_density)

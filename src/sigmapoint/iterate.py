@@ -41,7 +41,7 @@ def relinearized(
     origin = jnp.zeros(N, y.dtype)
     coordinates = Linearization(origin, jnp.eye(N, dtype=y.dtype), jnp.zeros((N, 0), y.dtype), origin)
     for _ in range(passes):
-        given = condition(joint._replace(state=coordinates), innovation[:, None], active)
+        given = condition(joint._replace(state=coordinates), innovation[:, None], active, type(belief))
         mu = given.step[:, 0]
         value = rule.about(g, mu, given.root, fs.observation_space)
         joint = first._replace(value=value)

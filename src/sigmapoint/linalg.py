@@ -10,6 +10,7 @@ lower triangular: the strictly upper part of `K` is that of `L⁻¹B`, by forwar
 zero.
 """
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -47,7 +48,7 @@ def _left_looking(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
             rest = rest - column[j - n :] * column[j - n]
         scale = _scale(rest[0], n * jnp.finfo(P.dtype).eps * P[j, j])
         columns.append(materialized(rest * scale))
-    return jnp.stack([jnp.pad(column, (j, 0)) for j, column in enumerate(columns)], axis=1)
+    return jnp.stack([jnp.pad(column, (j, 0)) for j, column in enumerate(columns)]).T
 
 
 @jax.custom_jvp
@@ -76,20 +77,20 @@ def _right_looking(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return jax.lax.scan(take, (P, jnp.zeros_like(P)), jnp.arange(n))[0][1]
 
 
-def solve_lower(S: Float[Array, "n n"], b: Float[Array, "n *k"]) -> Float[Array, "n *k"]:
-    """`S⁻¹ b` by forward substitution; a row with a zero pivot gives zero."""
-    return _solve(S, b, transposed=0)
+def solve_lower(S: Float[Array, "n n"], b: Float[Array, "n *k"], *, many: bool = False) -> Float[Array, "n *k"]:
+    """`S⁻¹ b` by forward substitution; a row with a zero pivot gives zero. `many`: as in `tria`."""
+    return _solve(S, b, 0, many)
 
 
-def solve_upper(S: Float[Array, "n n"], b: Float[Array, "n *k"]) -> Float[Array, "n *k"]:
-    """`S⁻ᵀ b` for lower `S` by back substitution; a row with a zero pivot gives zero."""
-    return _solve(S, b, transposed=1)
+def solve_upper(S: Float[Array, "n n"], b: Float[Array, "n *k"], *, many: bool = False) -> Float[Array, "n *k"]:
+    """`S⁻ᵀ b` for lower `S` by back substitution; a row with a zero pivot gives zero. `many`: as in `tria`."""
+    return _solve(S, b, 1, many)
 
 
-def _solve(S: Array, b: Array, transposed: int) -> Array:
+def _solve(S: Array, b: Array, transposed: int, many: bool) -> Array:
     n = S.shape[0]
     regular = jnp.diagonal(S) != 0
-    if not small(n):
+    if not (many or small(n)):
         S = jnp.where(regular[:, None] & regular[None, :], S, jnp.eye(n, dtype=S.dtype))
         b = jnp.where(regular.reshape((-1,) + (1,) * (b.ndim - 1)), b, 0.0)
         return jax.scipy.linalg.solve_triangular(S, b, lower=True, trans=transposed)
@@ -120,7 +121,9 @@ def norm_rows(A: Float[Array, "n k"]) -> Float[Array, " n"]:
     return safe_sqrt(squares)
 
 
-def tria(A: Float[Array, "n k"], known: Float[Array, "n n"] | None = None) -> Float[Array, "n n"]:
+def tria(
+    A: Float[Array, "n k"], known: Float[Array, "n n"] | None = None, *, many: bool = False
+) -> Float[Array, "n n"]:
     """Lower triangular `L` with `L Lᵀ = A Aᵀ` and a diagonal that is not negative, by orthogonalising the rows.
 
     A row of zeros after those above are taken out has a column of zeros, as in the Cholesky factor of `A Aᵀ`. A pivot
@@ -131,22 +134,24 @@ def tria(A: Float[Array, "n k"], known: Float[Array, "n n"] | None = None) -> Fl
         known: a covariance that some of the columns of `A` are a (derivative-free) factor of. It adds nothing to the
             value; derivatives flow through it instead of through its factor, whose own derivative is infinite where
             the covariance is zero.
+        many: this is one of many under `jax.vmap`. Libraries take those one after the other, on some machines with
+            locks that wait for each other.
     """
     n = A.shape[0]
-    return _tria(A, jnp.zeros((n, n), A.dtype) if known is None else known)
+    return _tria(A, jnp.zeros((n, n), A.dtype) if known is None else known, many)
 
 
-@jax.custom_jvp
-def _tria(A: Array, known: Array) -> Array:
+@partial(jax.custom_jvp, nondiff_argnums=(2,))
+def _tria(A: Array, known: Array, many: bool) -> Array:
     del known
-    return _orthogonalized(A)[0]
+    return _orthogonalized(A, many)[0]
 
 
 @_tria.defjvp
-def _tria_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
+def _tria_jvp(many: bool, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
     (A, known), (dA, dknown) = primals, tangents
     fixed, fixed_known = jax.lax.stop_gradient((A, known))
-    L, Q = _orthogonalized(fixed)
+    L, Q = _orthogonalized(fixed, many)
     # For second derivatives: both again, the same in value, as functions of A and of `known`.
     L = L + _change(L, Q, A - fixed, known - fixed_known)
     rows = _resolved(L, A)
@@ -161,7 +166,7 @@ def _change(L: Array, Q: Array, dA: Array, dknown: Array) -> Array:
     return jnp.tril(B - product(L, K - K.T))
 
 
-def _orthogonalized(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[Array, "n k"]]:
+def _orthogonalized(A: Float[Array, "n k"], many: bool) -> tuple[Float[Array, "n n"], Float[Array, "n k"]]:
     """`L` and `Q` with `A = L Q`, by Gram-Schmidt, three times for every row.
 
     Round-off in a row is relative to each of its elements, so what the first pass leaves of large columns lies along
@@ -169,10 +174,10 @@ def _orthogonalized(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[
     magnitude. (Giraud, Langou & Rozložník 2005: twice is enough.) The third tells a row that depends on those before.
     """
     n, k = A.shape
+    if many or (small(n) and n > UNROLLED):
+        return _row_by_row(A)
     if not small(n):
         return _by_reflections(A)
-    if n > UNROLLED:
-        return _row_by_row(A)
     rows, taken = [], jnp.zeros((0, k), A.dtype)
     for j in range(n):
         along, pivot, row = _projected(A[j], taken)

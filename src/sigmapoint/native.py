@@ -11,6 +11,8 @@ buffers only and calls no library (`runtime`). Then three things decide over its
 Larger arrays are faster in the libraries, and so is everything where loops are not native.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +22,7 @@ from jaxtyping import Array, Float
 
 from sigmapoint.runtime import NATIVE
 
-LARGEST = 24
+LARGEST = 16
 """The largest dimension of a small array."""
 
 
@@ -34,11 +36,23 @@ def product(A: Float[Array, "n k"], B: Float[Array, "k m"]) -> Float[Array, "n m
     n, k = A.shape
     if not small(max(n, B.shape[1])) or not 0 < k <= 4 * LARGEST:
         return A @ B
-    A, B = materialized(A), materialized(B)
+    A, B = materialized(A, B)
     total = A[:, :1] * B[:1]
     for i in range(1, k):
         total = total + A[:, i : i + 1] * B[i : i + 1]
     return total
+
+
+def gram(A: Float[Array, "k n"]) -> Float[Array, "n n"]:
+    """`Aᵀ A`."""
+    k, n = A.shape
+    if not small(n) or not 0 < k <= 4 * LARGEST:
+        return A.T @ A
+    A = materialized(A)
+    total = A[0][:, None] * A[0][None, :]
+    for row in A[1:]:
+        total = total + row[:, None] * row[None, :]
+    return materialized(total)
 
 
 def applied(A: Float[Array, "n k"], x: Float[Array, " k"]) -> Float[Array, " n"]:
@@ -46,21 +60,37 @@ def applied(A: Float[Array, "n k"], x: Float[Array, " k"]) -> Float[Array, " n"]
     return product(A, x[:, None])[:, 0]
 
 
-def materialized(x: Array) -> Array:
-    """`x`, computed once: it is not fused into what uses it."""
-    return _materialized_p.bind(x) if NATIVE and not isinstance(x, np.ndarray) and x.size > 1 else x
+def materialized(*arrays: Array) -> Any:
+    """The arrays, computed once: they are not fused into what uses them. Several together cost less than one by one."""
+    if NATIVE and any(x.size > 1 and not isinstance(x, np.ndarray) for x in arrays):
+        arrays = tuple(_materialized_p.bind(*arrays))
+    return arrays[0] if len(arrays) == 1 else arrays
 
 
-def _kept(x: Array) -> Array:
-    # A branch that no finite number takes; the compiler does not know that, and has to keep the value.
-    never = jnp.ravel(x)[0] > jnp.inf
-    return jax.lax.cond(never, lambda x: x + x, lambda x: x, x)
+def _kept(*arrays: Any) -> Any:
+    # A branch that no finite number takes; the compiler does not know that, and has to keep the values.
+    never = jnp.ravel(arrays[0])[0] > jnp.inf
+    return jax.lax.cond(never, lambda *xs: tuple(x + x for x in xs), lambda *xs: xs, *arrays)
+
+
+def _batched(arrays: Any, axes: Any) -> tuple[Any, Any]:
+    return _materialized_p.bind(*arrays), axes
+
+
+def _jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
+    return _materialized_p.bind(*primals), _materialized_p.bind(*map(ad.instantiate_zeros, tangents))
+
+
+def _transposed(cotangents: Any, *_: Any) -> Any:
+    return _materialized_p.bind(*map(ad.instantiate_zeros, cotangents))
 
 
 _materialized_p = core.Primitive("materialized")
-_materialized_p.def_impl(lambda x: x)
-_materialized_p.def_abstract_eval(lambda x: x)
-ad.deflinear2(_materialized_p, lambda cotangent, _: [_materialized_p.bind(ad.instantiate_zeros(cotangent))])
-batching.defvectorized(_materialized_p)
-mlir.register_lowering(_materialized_p, lambda ctx, x: [x])
-mlir.register_lowering(_materialized_p, mlir.lower_fun(_kept, multiple_results=False), platform="cpu")
+_materialized_p.multiple_results = True
+_materialized_p.def_impl(lambda *xs: list(xs))
+_materialized_p.def_abstract_eval(lambda *xs: list(xs))
+ad.primitive_jvps[_materialized_p] = _jvp
+ad.primitive_transposes[_materialized_p] = _transposed
+batching.primitive_batchers[_materialized_p] = _batched
+mlir.register_lowering(_materialized_p, lambda ctx, *xs: xs)
+mlir.register_lowering(_materialized_p, mlir.lower_fun(_kept, multiple_results=True), platform="cpu")

@@ -11,7 +11,12 @@ from sigmapoint.runtime import NATIVE, SMALL
 
 
 def scan(
-    step: Callable[[Any, Any], tuple[Any, Any]], start: Any, rows: Any, *, reverse: bool = False
+    step: Callable[[Any, Any], tuple[Any, Any]],
+    start: Any,
+    rows: Any,
+    *,
+    real: Array | None = None,
+    reverse: bool = False,
 ) -> tuple[Any, Any]:
     """`jax.lax.scan`, in as many chunks as the size of its rows asks for.
 
@@ -19,6 +24,7 @@ def scan(
         step: `(state, row) -> (state, out)`.
         start: the state before the first row (after the last one with `reverse`).
         rows: pytree of arrays with a leading axis of the same length.
+        real: which of the rows there are; the others only fill up and leave the state as it is. All, where not given.
         reverse: from the last row to the first.
 
     Returns:
@@ -28,25 +34,30 @@ def scan(
     one = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), rows)
     each = max(_bytes(one) + _bytes(jax.eval_shape(step, start, one)[1]), 1)
     chunks = -(-T * each * 2 // SMALL) if NATIVE else 1
-    if chunks <= 1 or chunks >= T:
+    whole = chunks <= 1 or chunks >= T
+    if whole and real is None:
         return jax.lax.scan(step, start, rows, reverse=reverse)
-    size = -(-T // chunks)
-    chunks = -(-T // size)
-    spare = chunks * size - T
 
     def guarded(state: Any, row: Any) -> tuple[Any, Any]:
-        # Rows added to fill the last chunk repeat the one beside them and leave the state as it is.
         real, row = row
         after, out = step(state, row)
         return jax.tree.map(lambda a, b: jnp.where(real, a, b), after, state), out
 
+    real = jnp.ones(T, bool) if real is None else real
+    if whole:
+        return jax.lax.scan(guarded, start, (real, rows), reverse=reverse)
+    size = -(-T // chunks)
+    chunks = -(-T // size)
+    spare = chunks * size - T
+
     sides = (spare, 0) if reverse else (0, spare)
 
     def folded(a: Array) -> Array:
+        # Rows that fill the last chunk repeat the one beside them.
         a = jnp.pad(a, [sides, *[(0, 0)] * (a.ndim - 1)], mode="edge") if spare else a
         return a.reshape(chunks, size, *a.shape[1:])
 
-    real = jnp.pad(jnp.ones(T, bool), sides).reshape(chunks, size)
+    real = jnp.pad(real, sides).reshape(chunks, size)
     end, out = jax.lax.scan(
         lambda state, chunk: jax.lax.scan(guarded, state, chunk, reverse=reverse),
         start,

@@ -6,6 +6,7 @@ transition is reversed about the filtered belief, x[k] given x[k+1], and the smo
 covariance of x[k] given x[k+1], P_s = G P_s⁺ Gᵀ + B Bᵀ.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,8 +25,16 @@ from sigmapoint.model import StateSpaceModel
 from sigmapoint.results import FIELDS, Posterior
 
 
+class Smoother(ABC):
+    """A way to smooth, with its settings."""
+
+    @abstractmethod
+    def __call__(self, run: Filter, y: Array, u: Any, keep: tuple[str, ...]) -> dict[str, Array]:
+        """The fields named in `keep`, and the log-likelihood, over a series."""
+
+
 @dataclass(frozen=True)
-class RTS:
+class RTS(Smoother):
     """Rauch-Tung-Striebel: filter forward, then reverse each transition."""
 
     def __call__(self, run: Filter, y: Array, u: Any, keep: tuple[str, ...]) -> dict[str, Array]:
@@ -49,7 +58,7 @@ def reverse(run: Filter, state: FilterState, u: Any, later: Belief) -> Belief:
     joint, _ = run.method.carry.transition(run.method.rule, state.belief, fs, u)
     ahead = fs.state_space.residual(later.mean, joint.value.mean)
     every = jnp.ones(ahead.shape, bool)
-    given = condition(joint, jnp.concatenate([ahead[:, None], later.factor], axis=1), every)
+    given = condition(joint, jnp.concatenate([ahead[:, None], later.factor], axis=1), every, type(later))
     mean = fs.state_space.retract(joint.state.mean, given.step[:, 0])
     return type(later).from_root(mean, jnp.concatenate([given.step[:, 1:], given.root], axis=1))
 
@@ -71,7 +80,7 @@ def smooth(
     u: Any = None,
     method: Method | None = None,
     *,
-    smoother: RTS | None = None,
+    smoother: Smoother | None = None,
     keep: tuple[str, ...] = FIELDS,
 ) -> Posterior:
     """Estimate the states of a model from measurements, each from all of them.
@@ -81,7 +90,7 @@ def smooth(
         y: measurements (T, m); NaN where an element was not measured.
         u: inputs, any pytree of arrays with leading axis T, or nothing.
         method: as for `filter`.
-        smoother: how; `rts()` where not given.
+        smoother: how: `rts()`, which is the default, or `ipls()`.
         keep: as for `filter`.
 
     Returns:
@@ -100,7 +109,7 @@ def smooth(
     """
     y, u, method = prepared(model, y, u, method)
     smoother = rts() if smoother is None else smoother
-    checks.instance("smoother", smoother, RTS, "sp.rts()")
+    checks.instance("smoother", smoother, Smoother, "sp.rts()")
     keep = checks.selection("keep", keep, FIELDS)
     kept = unwrapped(_smooth, model, y, u, method, smoother, keep)
     return Posterior.of(model, y, u, kept)
@@ -108,6 +117,6 @@ def smooth(
 
 @eqx.filter_jit
 def _smooth(
-    model: StateSpaceModel, y: Array, u: Any, method: Method, smoother: RTS, keep: tuple[str, ...]
+    model: StateSpaceModel, y: Array, u: Any, method: Method, smoother: Smoother, keep: tuple[str, ...]
 ) -> dict[str, Array]:
     return smoother(Filter.of(model, method), y, u, keep)
