@@ -3,6 +3,7 @@
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+from sigmapoint.batching import batch
 from sigmapoint.blackbox import blackbox
 from sigmapoint.comparison import Comparison, compare
 from sigmapoint.diagnostics import diagnose
@@ -66,6 +67,7 @@ __all__ = [
     "StateSpaceModel",
     "angles",
     "augmented",
+    "batch",
     "blackbox",
     "cdkf",
     "ckf",

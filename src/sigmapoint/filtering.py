@@ -4,7 +4,9 @@ One step is `update` with y[k] and then `predict` with u[k]; `filter` scans it, 
 differs in the parts it is made of (rule, belief, carry), not here.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -191,7 +193,7 @@ def filter(
     """
     y, u, method = prepared(model, y, u, method)
     keep = checks.selection("keep", keep, FIELDS)
-    kept = unwrapped(_filter, model, y, u, method, keep)
+    kept = unwrapped(estimate, model, y, u, method, Forward(), keep)
     return Posterior.of(model, y, u, kept)
 
 
@@ -201,13 +203,14 @@ def prepared(model: StateSpaceModel, y: Any, u: Any, method: Method | None = Non
     return *series_of(model, y, u), method
 
 
-def series_of(model: StateSpaceModel, y: Any, u: Any) -> tuple[Array, Any]:
-    """Measurements and inputs, checked against the model."""
+def series_of(model: StateSpaceModel, y: Any, u: Any, longest: int | None = None) -> tuple[Array, Any]:
+    """Measurements and inputs, checked against the model; `longest` where they hold several series."""
     checks.instance("model", model, StateSpaceModel)
     y, u = checks.series(y, u, model.initial.mean.dtype)
     checks.space("observation_space", model.observation_space, y.shape[1])
     Labels.of(model, y.shape[1])
-    checks.long_enough(y.shape[0], process_noise=model.process_noise, observation_noise=model.observation_noise)
+    T = y.shape[0] if longest is None else longest
+    checks.long_enough(T, process_noise=model.process_noise, observation_noise=model.observation_noise)
     return y, u
 
 
@@ -224,14 +227,42 @@ def fitting(model: StateSpaceModel, method: Method | None) -> Method:
     return method
 
 
+class Estimator(ABC):
+    """What a series is worked through by: a filter or a smoother, with its settings."""
+
+    @abstractmethod
+    def __call__(
+        self, run: Filter, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
+    ) -> dict[str, Array]:
+        """The fields named in `keep`, and the log-likelihood, over a series; of the rows that are `real`, if given."""
+
+
+@dataclass(frozen=True)
+class Forward(Estimator):
+    """The filter: each state from the measurements up to its own instant."""
+
+    def __call__(
+        self, run: Filter, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
+    ) -> dict[str, Array]:
+        kept, log_likelihood, _ = scan(run, y, u, lambda state, info: fields(keep, state, info), real)
+        return {**kept, "log_likelihood": log_likelihood}
+
+
 @eqx.filter_jit
-def _filter(model: StateSpaceModel, y: Array, u: Any, method: Method, keep: tuple[str, ...]) -> dict[str, Array]:
-    kept, log_likelihood = scan(Filter.of(model, method), y, u, lambda state, info: fields(keep, state, info))
-    return {**kept, "log_likelihood": log_likelihood}
+def estimate(
+    model: StateSpaceModel, y: Array, u: Any, method: Method, estimator: Estimator, keep: tuple[str, ...]
+) -> dict[str, Array]:
+    """One series through an estimator."""
+    return estimator(Filter.of(model, method), y, u, keep)
 
 
-def scan(run: Filter, y: Array, u: Any, out: Callable[[FilterState, Info], Any]) -> tuple[Any, Float[Array, ""]]:
-    """Update and predict over a series: what `out(state, info)` keeps of each instant, and the log-likelihood."""
+def scan(
+    run: Filter, y: Array, u: Any, out: Callable[[FilterState, Info], Any], real: Array | None = None
+) -> tuple[Any, Float[Array, ""], FilterState]:
+    """Update and predict over a series: what `out(state, info)` keeps, the log-likelihood, and the state ahead.
+
+    Rows that are not `real` fill up: they leave everything as it is.
+    """
 
     def step(carry: tuple[FilterState, Array], row: tuple[Array, Any]) -> tuple[tuple[FilterState, Array], Any]:
         state, total = carry
@@ -239,8 +270,8 @@ def scan(run: Filter, y: Array, u: Any, out: Callable[[FilterState, Info], Any])
         return (run.predict(state, row[1]), total + info.log_likelihood), out(state, info)
 
     start = (run.init(), jnp.zeros((), y.dtype))
-    (_, total), kept = series.scan(step, start, (y, u))
-    return kept, total
+    (ahead, total), kept = series.scan(step, start, (y, u), real=real)
+    return kept, total, ahead
 
 
 def fields(keep: tuple[str, ...], *sources: Any) -> dict[str, Array]:

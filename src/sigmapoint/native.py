@@ -36,7 +36,7 @@ def product(A: Float[Array, "n k"], B: Float[Array, "k m"]) -> Float[Array, "n m
     n, k = A.shape
     if not small(max(n, B.shape[1])) or not 0 < k <= 4 * LARGEST:
         return A @ B
-    A, B = materialized(A, B)
+    A, B = materialized(A), materialized(B)  # apart: in a derivative one is linear in the tangent, the other is not
     total = A[:, :1] * B[:1]
     for i in range(1, k):
         total = total + A[:, i : i + 1] * B[i : i + 1]
@@ -81,8 +81,9 @@ def _jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
     return _materialized_p.bind(*primals), _materialized_p.bind(*map(ad.instantiate_zeros, tangents))
 
 
-def _transposed(cotangents: Any, *_: Any) -> Any:
-    return _materialized_p.bind(*map(ad.instantiate_zeros, cotangents))
+def _transposed(cotangents: Any, *arrays: Any) -> Any:
+    back = _materialized_p.bind(*map(ad.instantiate_zeros, cotangents))
+    return [ct if ad.is_undefined_primal(x) else None for ct, x in zip(back, arrays)]
 
 
 _materialized_p = core.Primitive("materialized")

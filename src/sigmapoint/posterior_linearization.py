@@ -27,7 +27,9 @@ class PosteriorLinearization(Smoother):
     passes: int
     parallel: bool
 
-    def __call__(self, run: Filter, y: Array, u: Any, keep: tuple[str, ...]) -> dict[str, Array]:
+    def __call__(
+        self, run: Filter, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
+    ) -> dict[str, Array]:
         if not isinstance(run.method.carry, Redraw):
             raise ValueError("ipls: a method that carries one point set through f and h cannot draw new ones")
         form, space = (parallel if self.parallel else affine), run.model.state_space
@@ -38,7 +40,8 @@ class PosteriorLinearization(Smoother):
             smoothed = form.smoothed(model, filtered)
             return model, filtered, SquareRoot(jax.vmap(space.retract)(nominal.mean, smoothed.mean), smoothed.factor)
 
-        start = scan(run, y, u, lambda state, _: SquareRoot(state.belief.mean, state.belief.factor))[0]
+        # (Rows that are not real say nothing, and nothing comes back from behind them.)
+        start = scan(run, y, u, lambda state, _: SquareRoot(state.belief.mean, state.belief.factor), real)[0]
         nominal = jax.lax.fori_loop(0, self.passes - 1, lambda _, nominal: again(nominal)[-1], start)
         model, filtered, smoothed = again(nominal)
         before = jax.tree.map(lambda a: jnp.concatenate([jnp.zeros_like(a[:1]), a[:-1]]), filtered)

@@ -9,6 +9,9 @@ from jaxtyping import Array
 
 from sigmapoint.runtime import NATIVE, SMALL
 
+SKIPPED = 64
+"""Rows that are left out together where none of them is there."""
+
 
 def scan(
     step: Callable[[Any, Any], tuple[Any, Any]],
@@ -34,6 +37,8 @@ def scan(
     one = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), rows)
     each = max(_bytes(one) + _bytes(jax.eval_shape(step, start, one)[1]), 1)
     chunks = -(-T * each * 2 // SMALL) if NATIVE else 1
+    if NATIVE and real is not None:
+        chunks = max(chunks, -(-T // SKIPPED))
     whole = chunks <= 1 or chunks >= T
     if whole and real is None:
         return jax.lax.scan(step, start, rows, reverse=reverse)
@@ -43,6 +48,7 @@ def scan(
         after, out = step(state, row)
         return jax.tree.map(lambda a, b: jnp.where(real, a, b), after, state), out
 
+    every = real is None
     real = jnp.ones(T, bool) if real is None else real
     if whole:
         return jax.lax.scan(guarded, start, (real, rows), reverse=reverse)
@@ -57,13 +63,18 @@ def scan(
         a = jnp.pad(a, [sides, *[(0, 0)] * (a.ndim - 1)], mode="edge") if spare else a
         return a.reshape(chunks, size, *a.shape[1:])
 
+    def through(state: Any, chunk: Any) -> tuple[Any, Any]:
+        return jax.lax.scan(guarded, state, chunk, reverse=reverse)
+
+    def past(state: Any, chunk: Any) -> tuple[Any, Any]:
+        out = jax.eval_shape(through, state, chunk)[1]
+        return state, jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), out)
+
+    def one_chunk(state: Any, chunk: Any) -> tuple[Any, Any]:
+        return through(state, chunk) if every else jax.lax.cond(chunk[0].any(), through, past, state, chunk)
+
     real = jnp.pad(real, sides).reshape(chunks, size)
-    end, out = jax.lax.scan(
-        lambda state, chunk: jax.lax.scan(guarded, state, chunk, reverse=reverse),
-        start,
-        (real, jax.tree.map(folded, rows)),
-        reverse=reverse,
-    )
+    end, out = jax.lax.scan(one_chunk, start, (real, jax.tree.map(folded, rows)), reverse=reverse)
     kept = slice(spare, None) if reverse else slice(T)
     return end, jax.tree.map(lambda a: a.reshape(chunks * size, *a.shape[2:])[kept], out)
 

@@ -6,11 +6,9 @@ transition is reversed about the filtered belief, x[k] given x[k+1], and the smo
 covariance of x[k] given x[k+1], P_s = G P_s⁺ Gᵀ + B Bᵀ.
 """
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -19,35 +17,38 @@ from sigmapoint import checks, series
 from sigmapoint.belief import Belief
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.conditioning import condition
-from sigmapoint.filtering import Filter, FilterState, fields, prepared, scan
+from sigmapoint.filtering import Estimator, Filter, FilterState, Info, estimate, fields, prepared, scan
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.results import FIELDS, Posterior
 
 
-class Smoother(ABC):
-    """A way to smooth, with its settings."""
-
-    @abstractmethod
-    def __call__(self, run: Filter, y: Array, u: Any, keep: tuple[str, ...]) -> dict[str, Array]:
-        """The fields named in `keep`, and the log-likelihood, over a series."""
+class Smoother(Estimator):
+    """An estimator that looks back."""
 
 
 @dataclass(frozen=True)
 class RTS(Smoother):
     """Rauch-Tung-Striebel: filter forward, then reverse each transition."""
 
-    def __call__(self, run: Filter, y: Array, u: Any, keep: tuple[str, ...]) -> dict[str, Array]:
-        (states, info), log_likelihood = scan(run, y, u, lambda state, info: (state, fields(keep, info)))
-        end = jax.tree.map(lambda a: a[-1], states.belief)
-        before = jax.tree.map(lambda a: a[:-1], (states, u))
+    def __call__(
+        self, run: Filter, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
+    ) -> dict[str, Array]:
+        def out(state: FilterState, info: Info) -> Any:
+            return state, fields(keep, info)
+
+        (states, info), log_likelihood, ahead = scan(run, y, u, out, real)
 
         def step(later: Belief, row: tuple[FilterState, Any]) -> tuple[Belief, dict[str, Array]]:
             belief = reverse(run, *row, later)
             return belief, fields(keep, belief)
 
-        _, smoothed = series.scan(step, end, before, reverse=True)
-        last = fields(keep, end)
+        if real is not None:  # to look back on the last row from its own prediction changes nothing
+            smoothed = series.scan(step, ahead.belief, (states, u), real=real, reverse=True)[1]
+            return {**smoothed, **info, "log_likelihood": log_likelihood}
+        end = jax.tree.map(lambda a: a[-1], states.belief)
+        before = jax.tree.map(lambda a: a[:-1], (states, u))
+        smoothed, last = series.scan(step, end, before, reverse=True)[1], fields(keep, end)
         smoothed = {name: jnp.concatenate([smoothed[name], last[name][None]]) for name in smoothed}
         return {**smoothed, **info, "log_likelihood": log_likelihood}
 
@@ -111,12 +112,5 @@ def smooth(
     smoother = rts() if smoother is None else smoother
     checks.instance("smoother", smoother, Smoother, "sp.rts()")
     keep = checks.selection("keep", keep, FIELDS)
-    kept = unwrapped(_smooth, model, y, u, method, smoother, keep)
+    kept = unwrapped(estimate, model, y, u, method, smoother, keep)
     return Posterior.of(model, y, u, kept)
-
-
-@eqx.filter_jit
-def _smooth(
-    model: StateSpaceModel, y: Array, u: Any, method: Method, smoother: Smoother, keep: tuple[str, ...]
-) -> dict[str, Array]:
-    return smoother(Filter.of(model, method), y, u, keep)

@@ -101,7 +101,6 @@ def test_ill_conditioned_models(name):
         assert ill_conditioned.worst(post, case.exact) < 1e-8
 
 
-@SLOW
 def test_gradient_of_the_likelihood():
     y = np.random.default_rng(0).normal(size=(20, 1))
 

@@ -1,0 +1,233 @@
+"""Many series through one estimator: over devices or cores, of the same length or not.
+
+On a CPU where loops are native, each series is one such loop: that is faster than all of them in step, and a series
+shorter than its neighbours just ends. Elsewhere a piece of the batch runs in step (`jax.vmap`).
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from sigmapoint import checks
+from sigmapoint.blackbox import unwrapped
+from sigmapoint.filtering import Estimator, Filter, Forward, fitting, series_of
+from sigmapoint.methods import Method
+from sigmapoint.model import StateSpaceModel
+from sigmapoint.results import FIELDS, Posterior
+from sigmapoint.runtime import NATIVE
+from sigmapoint.smoothing import Smoother
+
+LARGEST_PIECE = 256
+"""Series that are worked through in one call."""
+PIECES = 4
+"""Calls for each worker at least, so that they end at about the same time."""
+RATIO = {True: 8.0, False: 1.25}
+"""How much longer than another a series of a piece may be, where they run one by one (which takes fewer programs), and
+where they run in step (then the longest counts for all)."""
+
+
+class Ragged(NamedTuple):
+    """Series of different lengths, one behind the other."""
+
+    y: Any
+    u: Any
+    starts: np.ndarray
+    lengths: np.ndarray
+
+
+def batch(
+    model: StateSpaceModel,
+    y: Any,
+    u: Any = None,
+    method: Method | None = None,
+    *,
+    smoother: Smoother | None = None,
+    keep: tuple[str, ...] = FIELDS,
+) -> Any:
+    """Estimate the states of many series of one model, on all devices, or all cores of the CPU.
+
+    Parameters that differ from series to series go into `u`. Inside `jax.jit` or `jax.grad` the whole batch is one
+    program on one device.
+
+    Args:
+        model: the model.
+        y: measurements (B, T, m); or a list of B arrays (Tᵢ, m), of different lengths.
+        u: inputs, any pytree of arrays with leading axes (B, T); or a list of B pytrees with leading axis Tᵢ.
+        method: as for `filter`.
+        smoother: how to look back, e.g. `rts()`; where not given, beliefs are filtered.
+        keep: as for `filter`. What is kept decides over the memory.
+
+    Returns:
+        A `Posterior` whose fields have a leading axis B; for a list, a list of B `Posterior`.
+
+    Raises:
+        ValueError: as `filter`; an empty batch, series with different columns, as many `u` as `y`.
+
+    Examples:
+        >>> import jax.numpy as jnp, numpy as np, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> sp.batch(model, np.ones((10, 20, 1))).mean.shape
+        (10, 20, 1)
+        >>> [post.mean.shape for post in sp.batch(model, [np.ones((3, 1)), np.ones((5, 1))], smoother=sp.rts())]
+        [(3, 1), (5, 1)]
+    """
+    keep = checks.selection("keep", keep, FIELDS)
+    estimator: Estimator = Forward() if smoother is None else smoother
+    if smoother is not None:
+        checks.instance("smoother", smoother, Smoother, "sp.rts()")
+    ragged = isinstance(y, list | tuple)
+    rows = _concatenated(y, u) if ragged else _flattened(y, u)
+    method, B = fitting(model, method), len(rows.lengths)
+    flat_y, flat_u = series_of(model, rows.y, rows.u, int(rows.lengths.max()))
+    if not checks.known(flat_y):
+        y, u = _split((flat_y, flat_u), B)
+        return Posterior.of(model, y, u, _together(model, y, u, jnp.asarray(rows.lengths), method, estimator, keep))
+    rows = Ragged(np.asarray(flat_y), jax.tree.map(np.asarray, flat_u), rows.starts, rows.lengths)
+    found = _over_workers(list(_pieces(rows, _one_by_one())), model, method, estimator, keep)
+    if ragged:
+        every = jax.device_put([(*_series(rows, i), found[i]) for i in range(B)])
+        return [Posterior.of(model, *one) for one in every]
+    y, u = _split((flat_y, flat_u), B)
+    return Posterior.of(
+        model, y, u, {name: jnp.asarray(np.stack([found[i][name] for i in range(B)])) for name in found[0]}
+    )
+
+
+def _split(tree: Any, B: int) -> Any:
+    return jax.tree.map(lambda a: a.reshape(B, -1, *a.shape[1:]), tree)
+
+
+def _flattened(y: Any, u: Any) -> Ragged:
+    y = checks.array("y", y)
+    if y.ndim != 3:
+        raise ValueError(f"y of a batch must be (B, T, m), or a list of arrays (T, m), got shape {y.shape}")
+    if 0 in y.shape:
+        raise ValueError(f"y of a batch has shape {y.shape}: at least one series with one sample is needed")
+    B, T = y.shape[:2]
+
+    def leaf(path: Any, value: Any) -> Array:
+        made = jnp.asarray(value)
+        if made.shape[:2] != (B, T):
+            name = "u" + jax.tree_util.keystr(path)
+            raise ValueError(f"{name} must have leading axes ({B}, {T}), as y, got shape {made.shape}")
+        return made.reshape(B * T, *made.shape[2:])
+
+    u = jax.tree_util.tree_map_with_path(leaf, u)
+    return Ragged(y.reshape(B * T, -1), u, np.arange(B) * T, np.full(B, T))
+
+
+def _concatenated(ys: Sequence[Any], us: Any) -> Ragged:
+    if not ys:
+        raise ValueError("y is an empty list: at least one series is needed")
+    made = [np.asarray(y) for y in ys]
+    for i, y in enumerate(made):
+        if y.ndim != 2 or not y.shape[0] or y.shape[1] != made[0].shape[-1]:
+            raise ValueError(
+                f"y[{i}] must be (T, m) with T >= 1 and the same m in every series, got shape {y.shape}"
+                + ("" if i == 0 else f" after {made[0].shape}")
+            )
+    lengths = np.array([len(y) for y in made])
+    if us is not None:
+        if not isinstance(us, list | tuple) or len(us) != len(made):
+            raise ValueError(f"u must be a list of {len(made)} pytrees, one for each series of y")
+        structures = {jax.tree.structure(u) for u in us}
+        if len(structures) > 1:
+            raise ValueError("u must have the same structure for every series")
+        for i, u in enumerate(us):
+            checks.inputs(u, int(lengths[i]), np.float64)
+        us = jax.tree.map(lambda *leaves: np.concatenate([np.asarray(a) for a in leaves]), *us)
+    return Ragged(np.concatenate(made), us, np.cumsum(lengths) - lengths, lengths)
+
+
+def _series(rows: Ragged, i: int) -> tuple[np.ndarray, Any]:
+    part = slice(rows.starts[i], rows.starts[i] + rows.lengths[i])
+    y, u = jax.tree.map(lambda a: a[part], (rows.y, rows.u))
+    return y, u
+
+
+class Piece(NamedTuple):
+    """Series of about one length, filled up to the same, and some without rows, for the same number in every piece."""
+
+    members: np.ndarray
+    y: Float[np.ndarray, "S T m"]
+    u: Any
+    lengths: Int[np.ndarray, " S"]
+
+
+def _pieces(rows: Ragged, one_by_one: bool) -> Iterator[Piece]:
+    longest_first = np.argsort(-rows.lengths, kind="stable")
+    lengths = rows.lengths[longest_first]
+    size = min(LARGEST_PIECE, -(-len(lengths) // (PIECES * _workers())))
+    while len(longest_first):
+        group = int(np.searchsorted(-lengths, -lengths[0] / RATIO[one_by_one], side="right"))
+        T = int(lengths[0])
+        for start in range(0, group, size):
+            members = longest_first[start : min(start + size, group)]
+            held = np.minimum(np.arange(T), rows.lengths[members][:, None] - 1) + rows.starts[members][:, None]
+            empty = size - len(members) if one_by_one else 0
+            held = np.pad(held, ((0, empty), (0, 0)), mode="edge")
+            y, u = jax.tree.map(lambda a, held=held: a[held], (rows.y, rows.u))
+            yield Piece(members, y, u, np.pad(rows.lengths[members], (0, empty)))
+        longest_first, lengths = longest_first[group:], lengths[group:]
+
+
+def _one_by_one() -> bool:
+    return NATIVE and jax.default_backend() == "cpu"
+
+
+def _workers() -> int:
+    devices = jax.local_device_count()
+    return devices if devices > 1 or jax.default_backend() != "cpu" else os.cpu_count() or 1
+
+
+def _over_workers(
+    pieces: list[Piece], model: StateSpaceModel, method: Method, estimator: Estimator, keep: tuple[str, ...]
+) -> dict[int, dict[str, np.ndarray]]:
+    """What was kept of each series, by its number."""
+    devices = jax.local_devices()
+
+    def work(i: int) -> list[tuple[int, dict[str, np.ndarray]]]:
+        piece = pieces[i]
+        y, u, lengths = jax.device_put((piece.y, piece.u, piece.lengths), devices[i % len(devices)])
+        kept = unwrapped(_together, model, y, u, lengths, method, estimator, keep)
+        kept = {name: np.asarray(value) for name, value in kept.items()}
+
+        def of(j: int) -> dict[str, np.ndarray]:
+            return {name: np.asarray(v[j] if v.ndim == 1 else v[j, : piece.lengths[j]]) for name, v in kept.items()}
+
+        return [(int(member), of(j)) for j, member in enumerate(piece.members)]
+
+    pool = ThreadPoolExecutor(min(_workers(), len(pieces)))
+    try:
+        return dict(pair for pairs in pool.map(work, range(len(pieces))) for pair in pairs)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@eqx.filter_jit
+def _together(
+    model: StateSpaceModel,
+    y: Float[Array, "S T m"],
+    u: Any,
+    lengths: Int[Array, " S"],
+    method: Method,
+    estimator: Estimator,
+    keep: tuple[str, ...],
+) -> dict[str, Array]:
+    run, T = Filter.of(model, method), y.shape[1]
+
+    def one(y: Array, u: Any, length: Array) -> dict[str, Array]:
+        real = jnp.arange(T) < length
+        return estimator(run, jnp.where(real[:, None], y, jnp.nan), u, keep, real)
+
+    if _one_by_one():
+        return jax.lax.scan(lambda _, row: (None, one(*row)), None, (y, u, lengths))[1]
+    return jax.vmap(one)(y, u, lengths)
