@@ -11,6 +11,7 @@ buffers only and calls no library (`runtime`). Then three things decide over its
 Larger arrays are faster in the libraries, and so is everything where loops are not native.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -58,6 +59,16 @@ def gram(A: Float[Array, "k n"]) -> Float[Array, "n n"]:
 def applied(A: Float[Array, "n k"], x: Float[Array, " k"]) -> Float[Array, " n"]:
     """`A @ x`."""
     return product(A, x[:, None])[:, 0]
+
+
+def looped(step: Callable[[Any], tuple[Any, Any]], state: Any, once: Array | None) -> tuple[Any, Any]:
+    """`step(state)`, as a loop that runs `once` times: only loops become native. `once` is the number one, which the
+    compiler must not know, or nothing for no loop. `step` gives the state after, of the same kind, and something more.
+    """
+    if once is None or not NATIVE:
+        return step(state)
+    besides = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(step, state)[1])
+    return jax.lax.fori_loop(0, once, lambda _, carry: step(carry[0]), (state, besides))
 
 
 def materialized(*arrays: Array) -> Any:

@@ -1,14 +1,18 @@
 """One sample at a time: the same arithmetic as `filter`, in whatever order measurements arrive."""
 
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
-import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array
 
 from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import Filter, FilterState, Info, fitting
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.native import looped
 
 
 class OnlineFilter:
@@ -25,8 +29,11 @@ class OnlineFilter:
     """
 
     def __init__(self, model: StateSpaceModel, method: Method):
-        self._model = model
-        self._method = method
+        leaves, structure = jax.tree.flatten(model)
+        self._arrays = [leaf for leaf in leaves if _is_array(leaf)]
+        rest = tuple(None if _is_array(leaf) else leaf for leaf in leaves)
+        self._dtype = np.dtype(model.initial.mean.dtype)
+        self._calls = _calls(structure, rest, method)
 
     def init(self) -> FilterState:
         """The initial state, at instant 0.
@@ -41,7 +48,7 @@ class OnlineFilter:
             >>> int(sp.online(model).init().step)
             0
         """
-        return _init(self._model, self._method)
+        return self._calls.init(self._arrays)
 
     def update(self, state: FilterState, y: Any, u: Any = None) -> tuple[FilterState, Info]:
         """Take in a measurement.
@@ -67,8 +74,8 @@ class OnlineFilter:
             >>> float(state.mean[0]), float(info.innovation_cov[0, 0])
             (1.0, 2.0)
         """
-        y, u = self._row(state, y, u)
-        return unwrapped(_update, self._model, self._method, state, y, u)
+        given = (_state(state), self._measurement(y), self._inputs(u))
+        return unwrapped(self._calls.update, self._arrays, *given, self._once(given))
 
     def predict(self, state: FilterState, u: Any = None) -> FilterState:
         """Go on to the next instant.
@@ -92,18 +99,57 @@ class OnlineFilter:
             >>> float(state.mean[0]), int(state.step)
             (2.0, 1)
         """
-        _, u = self._row(state, (), u)
-        return unwrapped(_predict, self._model, self._method, state, u)
+        given = (_state(state), self._inputs(u))
+        return unwrapped(self._calls.predict, self._arrays, *given, self._once(given))
 
-    def _row(self, state: FilterState, y: Any, u: Any) -> tuple[Any, Any]:
-        if not isinstance(state, FilterState):
-            raise ValueError(f"state must come from init(), update() or predict(), got {type(state).__name__}")
-        dtype = self._model.initial.mean.dtype
-        y = checks.array("y", y).astype(dtype)
+    def prepare(self, y: Any, u: Any = None) -> FilterState:
+        """Compile ahead of the first sample.
+
+        Args:
+            y: a measurement (m,) of the shape and type of those to come; its values are of no account.
+            u: an input of the shape and type of those to come, or nothing.
+
+        Returns:
+            The initial state, as `init`.
+
+        Raises:
+            ValueError: as `update`.
+
+        Examples:
+            >>> import jax.numpy as jnp, numpy as np, sigmapoint as sp
+            >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+            ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+            >>> int(sp.online(model).prepare(np.zeros(1)).step)
+            0
+        """
+        state = self.init()
+        self.predict(self.update(state, y, u)[0], u)
+        return state
+
+    def _measurement(self, y: Any) -> Any:
+        if type(y) is not np.ndarray or y.dtype != self._dtype:
+            y = checks.array("y", y).astype(self._dtype)
         if y.ndim != 1:
             raise ValueError(f"y must be one measurement of shape (m,), got shape {y.shape}")
         checks.measured(y)
-        return y, checks.inputs(u, None, dtype)
+        return y
+
+    def _inputs(self, u: Any) -> Any:
+        return u if u is None else checks.inputs(u, None, self._dtype)
+
+    def _once(self, given: Any) -> int | None:
+        # A loop has no derivative backward, and under a transformation of the user's own there is no hurry.
+        return 1 if all(map(checks.known, jax.tree.leaves((self._arrays, given)))) else None
+
+
+def _state(given: Any) -> FilterState:
+    if not isinstance(given, FilterState):
+        raise ValueError(f"state must come from init(), update() or predict(), got {type(given).__name__}")
+    return given
+
+
+def _is_array(leaf: Any) -> bool:
+    return isinstance(leaf, jax.Array | np.ndarray)
 
 
 def online(model: StateSpaceModel, method: Method | None = None) -> OnlineFilter:
@@ -133,16 +179,27 @@ def online(model: StateSpaceModel, method: Method | None = None) -> OnlineFilter
     return OnlineFilter(model, fitting(model, method))
 
 
-@eqx.filter_jit
-def _init(model: StateSpaceModel, method: Method) -> FilterState:
-    return Filter.of(model, method).init()
+class Calls(NamedTuple):
+    """The compiled functions of a model and a method."""
+
+    init: Any
+    update: Any
+    predict: Any
 
 
-@eqx.filter_jit
-def _update(model: StateSpaceModel, method: Method, state: FilterState, y: Any, u: Any) -> tuple[FilterState, Info]:
-    return Filter.of(model, method).update(state, y, u)
+@lru_cache(maxsize=64)
+def _calls(structure: Any, rest: tuple[Any, ...], method: Method) -> Calls:
+    """For models that differ in arrays only; `rest` is their leaves, with nothing in place of the arrays."""
 
+    def run(arrays: list[Array]) -> Filter:
+        left = iter(arrays)
+        leaves = [next(left) if leaf is None else leaf for leaf in rest]
+        return Filter.of(jax.tree.unflatten(structure, leaves), method)
 
-@eqx.filter_jit
-def _predict(model: StateSpaceModel, method: Method, state: FilterState, u: Any) -> FilterState:
-    return Filter.of(model, method).predict(state, u)
+    def update(arrays: list[Array], state: FilterState, y: Any, u: Any, once: Any) -> tuple[FilterState, Info]:
+        return looped(lambda state: run(arrays).update(state, y, u), state, once)
+
+    def predict(arrays: list[Array], state: FilterState, u: Any, once: Any) -> FilterState:
+        return looped(lambda state: (run(arrays).predict(state, u), None), state, once)[0]
+
+    return Calls(jax.jit(lambda arrays: run(arrays).init()), jax.jit(update), jax.jit(predict))

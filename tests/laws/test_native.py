@@ -118,3 +118,38 @@ def test_gradient_of_the_likelihood():
     for q in (0.02, 1e-3):
         difference = (likelihood(q + h * q) - likelihood(q - h * q)) / (2 * h * q)
         np.testing.assert_allclose(jax.grad(likelihood)(q), difference, rtol=1e-6)
+
+
+def test_a_step_online_is_one_of_the_filter_and_has_derivatives():
+    method = sp.srcdkf()
+
+    def model(q):
+        return sp.StateSpaceModel(
+            lambda x, u: jnp.stack([x[0] + 0.1 * x[1] + u, x[1] - 0.1 * jnp.sin(x[0])]),
+            lambda x, u: x[:1],
+            q * jnp.eye(2),
+            0.1 * jnp.eye(1),
+            sp.Gaussian(jnp.zeros(2), jnp.eye(2)),
+        )
+
+    y, u = np.random.default_rng(0).normal(size=(6, 1)), np.linspace(0, 1, 6)
+    live = sp.online(model(0.01), method)
+    post, state = sp.filter(model(0.01), y, u, method), live.prepare(y[0], u[0])
+    for k in range(6):
+        state, info = live.update(state, y[k], u[k])
+        np.testing.assert_allclose(state.mean, post.mean[k], rtol=1e-12)
+        np.testing.assert_allclose(state.cov, post.cov[k], rtol=1e-11, atol=1e-15)
+        np.testing.assert_allclose(info.nis, post.nis[k], rtol=1e-11)
+        state = live.predict(state, u[k])
+
+    def likelihood(q):
+        live = sp.online(model(q), method)
+        state, first = live.update(live.init(), y[0], u[0])
+        return first.log_likelihood + live.update(live.predict(state, u[0]), y[1], u[1])[1].log_likelihood
+
+    h = 1e-6
+    difference = (likelihood(0.01 + h) - likelihood(0.01 - h)) / (2 * h)
+    np.testing.assert_allclose(jax.grad(likelihood)(0.01), difference, rtol=1e-6)
+    np.testing.assert_allclose(jax.jit(likelihood)(0.01), likelihood(0.01), rtol=1e-12)
+    many = jax.vmap(likelihood)(jnp.array([0.01, 0.02]))
+    np.testing.assert_allclose(many[0], likelihood(0.01), rtol=1e-12)
