@@ -43,7 +43,14 @@ def _same(found: sp.Posterior, expected: sp.Posterior) -> None:
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-10, atol=1e-12, err_msg=name)
 
 
-@pytest.mark.parametrize("smoother", [None, sp.rts(), sp.ipls(2)], ids=["filter", "rts", "ipls"])
+@pytest.mark.parametrize(
+    "smoother",
+    [
+        pytest.param(None, id="filter"),
+        pytest.param(sp.rts(), id="rts"),
+        pytest.param(sp.ipls(2), id="ipls", marks=pytest.mark.slow),
+    ],
+)
 def test_series_of_different_lengths(form, smoother):
     r = np.random.default_rng(0)
     lengths = (7, 30, 1, 8, 29, 7, 25)

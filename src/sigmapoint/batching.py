@@ -165,14 +165,16 @@ class Piece(NamedTuple):
 def _pieces(rows: Ragged, one_by_one: bool) -> Iterator[Piece]:
     longest_first = np.argsort(-rows.lengths, kind="stable")
     lengths = rows.lengths[longest_first]
-    size = min(LARGEST_PIECE, -(-len(lengths) // (PIECES * _workers())))
+    most = min(LARGEST_PIECE, -(-len(lengths) // (PIECES * _workers())))
     while len(longest_first):
         group = int(np.searchsorted(-lengths, -lengths[0] / RATIO[one_by_one], side="right"))
+        # One size for all, where empty series cost nothing; else as equal as it goes within a group.
+        size = most if one_by_one else -(-group // -(-group // most))
         T = int(lengths[0])
         for start in range(0, group, size):
             members = longest_first[start : min(start + size, group)]
+            empty = size - len(members)
             held = np.minimum(np.arange(T), rows.lengths[members][:, None] - 1) + rows.starts[members][:, None]
-            empty = size - len(members) if one_by_one else 0
             held = np.pad(held, ((0, empty), (0, 0)), mode="edge")
             y, u = jax.tree.map(lambda a, held=held: a[held], (rows.y, rows.u))
             yield Piece(members, y, u, np.pad(rows.lengths[members], (0, empty)))

@@ -46,15 +46,18 @@ def scan(
     def guarded(state: Any, row: Any) -> tuple[Any, Any]:
         real, row = row
         after, out = step(state, row)
-        return jax.tree.map(lambda a, b: jnp.where(real, a, b), after, state), out
+        return (after if complete else jax.tree.map(lambda a, b: jnp.where(real, a, b), after, state)), out
 
-    every = real is None
+    every, complete = real is None, False
     real = jnp.ones(T, bool) if real is None else real
     if whole:
         return jax.lax.scan(guarded, start, (real, rows), reverse=reverse)
+    # Chunks that fill up leave nothing to cut off afterwards.
+    chunks = next((c for c in range(chunks, 2 * chunks + 1) if T % c == 0), chunks)
     size = -(-T // chunks)
     chunks = -(-T // size)
     spare = chunks * size - T
+    complete = every and not spare
 
     sides = (spare, 0) if reverse else (0, spare)
 
