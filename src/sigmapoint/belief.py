@@ -64,7 +64,11 @@ class Dense(NamedTuple):
     @staticmethod
     def root(columns: Float[Array, "c k"], noise: Spread | None) -> Float[Array, "c c"]:
         """A lower factor of `columns columnsᵀ`, with independent noise added."""
-        return cholesky(_sum(columns, noise))
+        L = cholesky(_sum(columns, noise))
+        if noise is None:
+            return L
+        # Pivots grow by what is added, so they are at least those of the noise: also where round-off has taken them.
+        return L + jnp.diag(jnp.maximum(jnp.diagonal(noise.factor) - jnp.diagonal(L), 0.0))
 
 
 class SquareRoot(NamedTuple):

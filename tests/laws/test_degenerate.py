@@ -175,3 +175,23 @@ def test_states_that_start_with_few_independent_errors():
     a, b = (_linear(sp.filter, y, method, *parts) for method in (sp.srcdkf(), sp.ekf()))
     np.testing.assert_allclose(a.cov, b.cov, atol=1e-10 * np.abs(b.cov).max())
     np.testing.assert_allclose(a.mean, b.mean, atol=1e-9 * np.abs(b.mean).max())
+
+
+def test_a_small_noise_beside_a_large_common_error_is_not_lost():
+    """Two sensors share a strong nonlinearity; their difference tells x, as precisely as their noise and no more."""
+
+    def model(noise):
+        return sp.StateSpaceModel(
+            lambda x, u: x,
+            lambda x, u: jnp.stack([1e6 * x[0] ** 2, 1e6 * x[0] ** 2 + x[0]]),
+            np.zeros((1, 1)),
+            noise * np.eye(2),
+            sp.Gaussian(np.zeros(1), np.eye(1)),
+        )
+
+    y = np.array([[1e6, 1e6 + 1]])
+    for noise in (1e-4, 1e-6):
+        exact = np.sqrt(2 * noise)
+        root, dense = (float(sp.filter(model(noise), y, None, method).std[0, 0]) for method in (sp.srukf(), sp.ukf()))
+        np.testing.assert_allclose(root, exact, rtol=1e-2)
+        assert 0.7 * exact < dense < 1.5 * exact
