@@ -8,27 +8,21 @@ instant of each of the two passes, and how many of them have to follow each othe
 
 import argparse
 import json
+import sys
 import time
+from pathlib import Path
 from types import ModuleType
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from laws import affine_case
+
 from sigmapoint import affine, parallel
 
 jax.config.update("jax_enable_x64", True)
-
-
-def problem(T: int, n: int = 5, m: int = 2) -> affine.Affine:
-    """A random stable model, a tenth of its measurements missing."""
-    r = np.random.default_rng(0)
-    F = r.normal(size=(T, n, n))
-    F *= 0.98 / np.linalg.norm(F, 2, axis=(1, 2))[:, None, None]
-    F[0] = 0
-    W, V = np.tril(r.normal(size=(T, n, n))), np.tril(r.normal(size=(T, m, m)))
-    rows = (F, r.normal(size=(T, n)), W, r.normal(size=(T, m, n)), 3 * r.normal(size=(T, m)), V)
-    return affine.Affine(*map(jnp.asarray, rows), jnp.asarray(r.uniform(size=(T, m)) < 0.9))
 
 
 def measured(form: ModuleType, model: affine.Affine) -> tuple[affine.SquareRoot, dict[str, float]]:
@@ -49,7 +43,7 @@ def main() -> None:
     parser.add_argument("--lengths", default="1000,10000,100000")
     found = {}
     for T in map(int, parser.parse_args().lengths.split(",")):
-        model = problem(T)
+        model = affine_case.case(T, 5, 2)
         one, in_parallel = measured(parallel, model)
         other, in_sequence = measured(affine, model)
         std = jnp.sqrt(jnp.sum(other.factor**2, -1))

@@ -7,7 +7,7 @@ from sigmapoint.batching import batch
 from sigmapoint.blackbox import blackbox
 from sigmapoint.comparison import Comparison, compare
 from sigmapoint.diagnostics import diagnose
-from sigmapoint.filtering import FilterState, Info, filter
+from sigmapoint.filtering import filter
 from sigmapoint.methods import (
     Method,
     augmented,
@@ -36,6 +36,7 @@ from sigmapoint.results import Posterior
 from sigmapoint.simulation import simulate
 from sigmapoint.smoothing import rts, smooth
 from sigmapoint.spaces import Manifold, angles
+from sigmapoint.step import FilterState, Info
 from sigmapoint.storage import load, save
 
 if TYPE_CHECKING:

@@ -17,11 +17,12 @@ from jaxtyping import Array, Bool, Float
 
 from sigmapoint import series
 from sigmapoint.belief import SquareRoot, covariance
+from sigmapoint.carry import around
 from sigmapoint.conditioning import Conditioned, Joint, condition
-from sigmapoint.filtering import Filter, Info, measured
 from sigmapoint.noise import Entry
 from sigmapoint.rules.linearization import Linearization, Rule
 from sigmapoint.spaces import Space
+from sigmapoint.step import Filter, Info, measured
 
 
 class Affine(NamedTuple):
@@ -52,8 +53,7 @@ def linearized(run: Filter, nominal: SquareRoot, y: Float[Array, "T d"], u: Any)
         entry = fs.observation.within(fs.h, fs.observation_space)
         mean, H, V = _about(rule, entry, now, u, fs.state_space, fs.observation_space)
         active = measured(y, V.shape[0])
-        known = jnp.where(jnp.isnan(y), mean, y)
-        return H, jnp.where(active, fs.observation_space.residual(known, mean), 0.0), V, active
+        return H, fs.innovation(y, mean, active), V, active
 
     k = jnp.arange(y.shape[0])
     now, inputs = jax.tree.map(lambda a: a[:-1], (nominal, u))
@@ -68,10 +68,9 @@ def _about(
     rule: Rule, entry: Entry, nominal: SquareRoot, u: Any, inside: Space, outside: Space
 ) -> tuple[Array, Array, Array]:
     """Value at the nominal belief, slope in the displacement, and a factor of everything else."""
-    n, N = nominal.factor.shape[0], nominal.factor.shape[0] + entry.size
-    factor = jax.scipy.linalg.block_diag(nominal.factor, jnp.eye(entry.size, dtype=nominal.factor.dtype))
-    origin = jnp.zeros(N, factor.dtype)
-    value = rule.about(lambda d: entry.call(inside.retract(nominal.mean, d[:n]), u, d[n:]), origin, factor, outside)
+    displaced, factor = around(nominal, entry, u, inside)
+    n = nominal.factor.shape[0]
+    value = rule.about(displaced, jnp.zeros(factor.shape[0], factor.dtype), factor, outside)
     columns = jnp.concatenate([value.slope[:, n:], value.residual], axis=1)
     return value.mean, value.slope[:, :n], SquareRoot.root(columns, entry.rest)
 

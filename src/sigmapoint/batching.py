@@ -1,7 +1,7 @@
 """Many series through one estimator: over devices or cores, of the same length or not.
 
-On a CPU where loops are native, each series is one such loop: that is faster than all of them in step, and a series
-shorter than its neighbours just ends. Elsewhere a piece of the batch runs in step (`jax.vmap`).
+On a CPU where loops are native, each series is one such loop, and one shorter than its neighbours just ends. Elsewhere
+a piece of the batch runs in step (`jax.vmap`).
 """
 
 import os
@@ -17,12 +17,13 @@ from jaxtyping import Array, Float, Int
 
 from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.filtering import Estimator, Filter, Forward, fitting, series_of
+from sigmapoint.filtering import Estimator, Forward, fitting, series_of
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.results import FIELDS, Posterior
 from sigmapoint.runtime import NATIVE
 from sigmapoint.smoothing import Smoother
+from sigmapoint.step import Filter
 
 LARGEST_PIECE = 256
 """Series that are worked through in one call."""

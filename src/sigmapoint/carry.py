@@ -38,6 +38,11 @@ class Functions(NamedTuple):
     state_space: Space
     observation_space: Space
 
+    def innovation(self, y: Float[Array, " d"], predicted: Float[Array, " d"], active: Array) -> Float[Array, " m"]:
+        """Measured minus predicted; zero where nothing was measured."""
+        known = jnp.where(jnp.isnan(y), predicted, y)
+        return jnp.where(active, self.observation_space.residual(known, predicted), 0.0)
+
 
 NEARBY = 2.0**-10
 """How far away, relative to its size, a state is moved to see the size of the terms in a function."""
@@ -121,14 +126,13 @@ class Augmented(ExtendedSet):
 
 def stacked(rule: Rule, belief: Belief, entry: Entry, u: Any, inside: Space, outside: Space) -> Joint:
     """A function of (x, its noise) linearised about the belief, jointly with x."""
-    n, N = belief.factor.shape[0], belief.factor.shape[0] + entry.size
-    origin = jnp.zeros(N, belief.mean.dtype)
-    factor = belief.factor if n == N else jax.scipy.linalg.block_diag(belief.factor, jnp.eye(N - n, dtype=origin.dtype))
-    value = rule(lambda d: entry.call(inside.retract(belief.mean, d[:n]), u, d[n:]), factor, outside)
+    displaced, factor = around(belief, entry, u, inside)
+    n, N = factor.shape[0] - entry.size, factor.shape[0]
+    value = rule(displaced, factor, outside)
     if entry.rest is not None:
 
         def terms() -> Array:
-            moved = entry.call(inside.retract(belief.mean, NEARBY * _terms(belief)), u, origin[n:])
+            moved = displaced(jnp.pad(NEARBY * _terms(belief), (0, N - n)))
             return jnp.abs(outside.residual(moved, value.mean)) / NEARBY
 
         # Where a sensor is exact, the points agree in what it has measured, and their values do not show how large the
@@ -136,6 +140,14 @@ def stacked(rule: Rule, belief: Belief, entry: Entry, u: Any, inside: Space, out
         exact = jnp.any(jnp.diagonal(entry.rest.cov) == 0)
         value = value._replace(scale=value.scale + jax.lax.cond(exact, terms, lambda: jnp.zeros_like(value.scale)))
     return Joint(value, known(belief, N), entry.rest)
+
+
+def around(belief: Belief, entry: Entry, u: Any, inside: Space) -> tuple[Callable[[Array], Array], Float[Array, "N N"]]:
+    """A function of (x, its noise) in displacements from the belief's mean, and a factor of their covariance."""
+    n, dtype = belief.factor.shape[0], belief.mean.dtype
+    eye = jnp.eye(entry.size, dtype=dtype)
+    factor = jax.scipy.linalg.block_diag(belief.factor, eye) if entry.size else belief.factor
+    return lambda d: entry.call(inside.retract(belief.mean, d[:n]), u, d[n:]), factor
 
 
 def _terms(belief: Belief) -> Float[Array, " n"]:

@@ -30,7 +30,7 @@ def relinearized(
     active: Bool[Array, " m"],
 ) -> tuple[Joint, Float[Array, " m"]]:
     """The joint after `passes` more linearisations, and the innovation that belongs to it."""
-    joint, innovation = first, _innovation(first.value, y, fs, active)
+    joint, innovation = first, fs.innovation(y, first.value.mean, active)
     n, N = belief.factor.shape[0], first.value.slope.shape[1]
     entry = fs.observation.within(fs.h, fs.observation_space)
     at = whitened(belief, fs.state_space)
@@ -45,10 +45,5 @@ def relinearized(
         mu = given.step[:, 0]
         value = rule.about(g, mu, given.root, fs.observation_space)
         joint = first._replace(value=value)
-        innovation = _innovation(value, y, fs, active) + jnp.where(active, applied(value.slope, mu), 0.0)
+        innovation = fs.innovation(y, value.mean, active) + jnp.where(active, applied(value.slope, mu), 0.0)
     return joint, innovation
-
-
-def _innovation(value: Linearization, y: Array, fs: Functions, active: Array) -> Array:
-    measured = jnp.where(jnp.isnan(y), value.mean, y)
-    return jnp.where(active, fs.observation_space.residual(measured, value.mean), 0.0)

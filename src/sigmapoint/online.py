@@ -9,10 +9,11 @@ from jaxtyping import Array
 
 from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.filtering import Filter, FilterState, Info, fitting
+from sigmapoint.filtering import fitting
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.native import looped
+from sigmapoint.step import Filter, FilterState, Info
 
 
 class OnlineFilter:

@@ -16,8 +16,9 @@ from sigmapoint import affine, checks, parallel
 from sigmapoint.affine import Affine
 from sigmapoint.belief import SquareRoot
 from sigmapoint.carry import Redraw
-from sigmapoint.filtering import Filter, fields, scan
+from sigmapoint.filtering import fields, scan
 from sigmapoint.smoothing import Smoother
+from sigmapoint.step import Filter
 
 
 @dataclass(frozen=True)

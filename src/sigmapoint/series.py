@@ -34,52 +34,54 @@ def scan(
         The state at the end, and what `step` gave out, stacked.
     """
     T = jax.tree.leaves(rows)[0].shape[0]
-    one = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), rows)
-    each = max(_bytes(one) + _bytes(jax.eval_shape(step, start, one)[1]), 1)
-    chunks = -(-T * each * 2 // SMALL) if NATIVE else 1
-    if NATIVE and real is not None:
-        chunks = max(chunks, -(-T // SKIPPED))
-    whole = chunks <= 1 or chunks >= T
-    if whole and real is None:
+    chunks, size = _chunks(T, step, start, rows, real)
+    spare = chunks * size - T
+    ends = real is not None
+    if spare:  # the rows that fill the last chunk repeat the one beside them, and are not real
+        sides = (spare, 0) if reverse else (0, spare)
+        real = jnp.pad(jnp.ones(T, bool) if real is None else real, sides)
+        rows = jax.tree.map(lambda a: jnp.pad(a, [sides, *[(0, 0)] * (a.ndim - 1)], mode="edge"), rows)
+    if real is not None:
+        step, rows = _guarded(step), (real, rows)
+    if chunks == 1:
         return jax.lax.scan(step, start, rows, reverse=reverse)
 
-    def guarded(state: Any, row: Any) -> tuple[Any, Any]:
-        real, row = row
-        after, out = step(state, row)
-        return (after if complete else jax.tree.map(lambda a, b: jnp.where(real, a, b), after, state)), out
-
-    every, complete = real is None, False
-    real = jnp.ones(T, bool) if real is None else real
-    if whole:
-        return jax.lax.scan(guarded, start, (real, rows), reverse=reverse)
-    # Chunks that fill up leave nothing to cut off afterwards.
-    chunks = next((c for c in range(chunks, 2 * chunks + 1) if T % c == 0), chunks)
-    size = -(-T // chunks)
-    chunks = -(-T // size)
-    spare = chunks * size - T
-    complete = every and not spare
-
-    sides = (spare, 0) if reverse else (0, spare)
-
-    def folded(a: Array) -> Array:
-        # Rows that fill the last chunk repeat the one beside them.
-        a = jnp.pad(a, [sides, *[(0, 0)] * (a.ndim - 1)], mode="edge") if spare else a
-        return a.reshape(chunks, size, *a.shape[1:])
-
     def through(state: Any, chunk: Any) -> tuple[Any, Any]:
-        return jax.lax.scan(guarded, state, chunk, reverse=reverse)
+        return jax.lax.scan(step, state, chunk, reverse=reverse)
 
     def past(state: Any, chunk: Any) -> tuple[Any, Any]:
         out = jax.eval_shape(through, state, chunk)[1]
         return state, jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), out)
 
     def one_chunk(state: Any, chunk: Any) -> tuple[Any, Any]:
-        return through(state, chunk) if every else jax.lax.cond(chunk[0].any(), through, past, state, chunk)
+        return jax.lax.cond(chunk[0].any(), through, past, state, chunk) if ends else through(state, chunk)
 
-    real = jnp.pad(real, sides).reshape(chunks, size)
-    end, out = jax.lax.scan(one_chunk, start, (real, jax.tree.map(folded, rows)), reverse=reverse)
+    rows = jax.tree.map(lambda a: a.reshape(chunks, size, *a.shape[1:]), rows)
+    end, out = jax.lax.scan(one_chunk, start, rows, reverse=reverse)
     kept = slice(spare, None) if reverse else slice(T)
     return end, jax.tree.map(lambda a: a.reshape(chunks * size, *a.shape[2:])[kept], out)
+
+
+def _chunks(T: int, step: Any, start: Any, rows: Any, real: Array | None) -> tuple[int, int]:
+    """Number and size of the chunks: as few as are small; a number that divides the rows if one is near: no copy."""
+    if not NATIVE:
+        return 1, T
+    one = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), rows)
+    each = max(_bytes(one) + _bytes(jax.eval_shape(step, start, one)[1]), 1)
+    least = max(-(-T * each * 2 // SMALL), 1 if real is None else -(-T // SKIPPED))
+    if not 1 < least < T:
+        return 1, T
+    size = -(-T // next((chunks for chunks in range(least, 2 * least + 1) if T % chunks == 0), least))
+    return -(-T // size), size
+
+
+def _guarded(step: Callable[[Any, Any], tuple[Any, Any]]) -> Callable[[Any, Any], tuple[Any, Any]]:
+    def guarded(state: Any, row: Any) -> tuple[Any, Any]:
+        real, row = row
+        after, out = step(state, row)
+        return jax.tree.map(lambda a, b: jnp.where(real, a, b), after, state), out
+
+    return guarded
 
 
 def _bytes(tree: Any) -> int:

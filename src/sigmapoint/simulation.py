@@ -9,9 +9,9 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.filtering import Filter
 from sigmapoint.methods import ekf
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.step import Filter
 
 
 def simulate(

@@ -17,10 +17,11 @@ from sigmapoint import checks, series
 from sigmapoint.belief import Belief
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.conditioning import condition
-from sigmapoint.filtering import Estimator, Filter, FilterState, Info, estimate, fields, prepared, scan
+from sigmapoint.filtering import Estimator, estimate, fields, prepared, scan
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.results import FIELDS, Posterior
+from sigmapoint.step import Filter, FilterState, Info
 
 
 class Smoother(Estimator):

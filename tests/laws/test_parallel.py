@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from laws import affine_case
 from laws.linear import case
 
 import sigmapoint as sp
@@ -25,20 +26,9 @@ def test_on_a_linear_model_it_is_the_kalman_filter_and_smoother(method, n, in_pa
     np.testing.assert_allclose(found.log_likelihood, filtered.log_likelihood, rtol=1e-10)
 
 
-def _random(T: int, n: int, m: int) -> affine.Affine:
-    r = np.random.default_rng(0)
-    F = r.normal(size=(T, n, n))
-    F *= 0.98 / np.linalg.norm(F, 2, axis=(1, 2))[:, None, None]
-    F[0] = 0
-    W, V = np.tril(r.normal(size=(T, n, n))), np.tril(r.normal(size=(T, m, m)))
-    rows = (F, r.normal(size=(T, n)), W, r.normal(size=(T, m, n)), 3 * r.normal(size=(T, m)), V)
-    active = r.uniform(size=(T, m)) < 0.9
-    return affine.Affine(*map(jnp.asarray, rows), jnp.asarray(active))
-
-
 @pytest.mark.parametrize(("T", "n", "m"), [(10_000, 5, 2), (37, 2, 4), (1, 3, 1), (2, 1, 1)])
 def test_affine_elements_combine_to_what_the_sequence_gives(T, n, m):
-    model = _random(T, n, m)
+    model = affine_case.case(T, n, m)
 
     @partial(jax.jit, static_argnums=0)
     def run(form):
