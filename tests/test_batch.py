@@ -120,6 +120,8 @@ def test_little_is_filled_up():
         ([np.ones((3, 1)), np.ones((3, 1))], [{"a": np.ones(3)}, {"b": np.ones(3)}], "same structure"),
         (np.ones((3, 4, 1)), {"push": np.ones((3, 5))}, r"u\['push'\] must have leading axes \(3, 4\)"),
         ([np.full((3, 1), np.inf)], None, "infinite"),
+        ([np.ones((3, 1))] * 2, [np.zeros(3), np.full(3, np.nan)], "series 1: u has 3 NaN"),
+        (np.ones((2, 3, 1)), np.array([[0, 0, 0], [0, np.nan, 0]]), r"u has 1 NaN .* at index \(1, 1\)"),
         ([np.ones((31, 1))], None, "process_noise is given for 30 instants, but y has 31 rows"),
     ],
 )

@@ -83,7 +83,7 @@ def batch(
     keep = checks.selection("keep", keep, FIELDS)
     estimator: Estimator = Forward() if smoother is None else smoother
     if smoother is not None:
-        checks.instance("smoother", smoother, Smoother, "sp.rts()")
+        checks.instance("smoother", smoother, Smoother, "sp.rts() or sp.ipls()")
     ragged = isinstance(y, list | tuple)
     rows = _concatenated(y, u) if ragged else _flattened(y, u)
     method, B = fitting(model, method), len(rows.lengths)
@@ -113,6 +113,7 @@ def _flattened(y: Any, u: Any) -> Ragged:
     if 0 in y.shape:
         raise ValueError(f"y of a batch has shape {y.shape}: at least one series with one sample is needed")
     B, T = y.shape[:2]
+    u = checks.inputs(u, B, y.dtype)
 
     def leaf(path: Any, value: Any) -> Array:
         made = jnp.asarray(value)
@@ -143,7 +144,10 @@ def _concatenated(ys: Sequence[Any], us: Any) -> Ragged:
         if len(structures) > 1:
             raise ValueError("u must have the same structure for every series")
         for i, u in enumerate(us):
-            checks.inputs(u, int(lengths[i]), np.float64)
+            try:
+                checks.inputs(u, int(lengths[i]), np.float64)
+            except ValueError as error:
+                raise ValueError(f"series {i}: {error}") from None
         us = jax.tree.map(lambda *leaves: np.concatenate([np.asarray(a) for a in leaves]), *us)
     return Ragged(np.concatenate(made), us, np.cumsum(lengths) - lengths, lengths)
 

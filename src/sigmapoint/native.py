@@ -80,7 +80,10 @@ def materialized(*arrays: Array) -> Any:
 
 def _kept(*arrays: Any) -> Any:
     # A branch that no finite number takes; the compiler does not know that, and has to keep the values.
-    never = jnp.ravel(arrays[0])[0] > jnp.inf
+    first = next((x for x in arrays if x.size), None)  # an axis under vmap may be empty
+    if first is None:
+        return arrays
+    never = jnp.ravel(first)[0] > jnp.inf
     return jax.lax.cond(never, lambda *xs: tuple(x + x for x in xs), lambda *xs: xs, *arrays)
 
 

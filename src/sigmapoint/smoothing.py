@@ -111,7 +111,7 @@ def smooth(
     """
     y, u, method = prepared(model, y, u, method)
     smoother = rts() if smoother is None else smoother
-    checks.instance("smoother", smoother, Smoother, "sp.rts()")
+    checks.instance("smoother", smoother, Smoother, "sp.rts() or sp.ipls()")
     keep = checks.selection("keep", keep, FIELDS)
     kept = unwrapped(estimate, model, y, u, method, smoother, keep)
     return Posterior.of(model, y, u, kept)

@@ -153,3 +153,13 @@ def test_a_step_online_is_one_of_the_filter_and_has_derivatives():
     np.testing.assert_allclose(jax.jit(likelihood)(0.01), likelihood(0.01), rtol=1e-12)
     many = jax.vmap(likelihood)(jnp.array([0.01, 0.02]))
     np.testing.assert_allclose(many[0], likelihood(0.01), rtol=1e-12)
+
+
+@pytest.mark.parametrize("in_parallel", [False, True])
+def test_one_row_through_posterior_linearization(in_parallel):
+    model = sp.StateSpaceModel(
+        lambda x, u: 0.9 * x, lambda x, u: x[:1], np.eye(2), np.eye(1), sp.Gaussian(np.zeros(2), np.eye(2))
+    )
+    found = sp.smooth(model, np.ones((1, 1)), smoother=sp.ipls(2, parallel=in_parallel))
+    np.testing.assert_allclose(found.mean, [[0.5, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(found.cov, [np.diag([0.5, 1.0])], atol=1e-12)
