@@ -25,12 +25,10 @@ from jaxtyping import Array, Bool, Float
 from sigmapoint.belief import Belief, Spread
 from sigmapoint.linalg import one_where_zero, safe_sqrt
 from sigmapoint.native import LARGEST, materialized, small
-from sigmapoint.rules.linearization import Linearization
+from sigmapoint.rules.linearization import ROUND_OFF, Linearization
 
 UNROLLED = 4
 """Up to so many elements are taken in without a loop: each then handles only what is left."""
-ROUND_OFF = 4.0
-"""A slope this many times the round-off of the numbers that it was computed from says nothing."""
 
 
 class Joint(NamedTuple):
@@ -139,7 +137,7 @@ def _arranged(joint: Joint, difference: Array, active: Array, floor: Array, kind
         residual = residual[:, :0]
     noise = None if noise is None else noise.masked(active)
     if residual.shape[1]:  # few columns in place of many
-        slope = jnp.concatenate([slope, kind.root(jax.vmap(_heard)(residual, floor), noise)], 1)
+        slope = jnp.concatenate([slope, kind.root(residual, noise)], 1)
     elif noise is not None:
         slope = jnp.concatenate([slope, noise.factor], 1)
     elements, states = materialized(slope.T, shared.T)

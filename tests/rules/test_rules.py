@@ -158,3 +158,26 @@ def test_any_positive_set_reproduces_its_own_weighted_covariance(n, order, seed)
 def test_settings_that_do_not_work_are_refused_with_the_ones_that_do(make, word):
     with pytest.raises(ValueError, match=word):
         make()
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("rule", RULES, ids=str)
+def test_a_straight_function_of_large_values_has_no_residual_and_a_bend_above_round_off_has(rule, dtype):
+    n, size = 3, 1e4
+    A = jnp.asarray(np.random.default_rng(5).normal(size=(n, n)), dtype)
+    factor = size * jnp.eye(n, dtype=dtype)
+
+    def residual(bend):
+        return rule(lambda x: A @ x + 30.0 + bend * (A @ x) ** 2, factor, Euclidean()).residual
+
+    assert (residual(jnp.zeros((), dtype)) == 0).all()
+    seen = rule.sigma_points(n).residual.size > 0 and not isinstance(rule, Cubature)
+    if seen:
+        spread = float(np.abs(rule.sigma_points(n).points).max())
+        bent = 1e4 * float(jnp.finfo(dtype).eps) / size / spread**2  # 1e4 round-offs at the outermost point
+        one, two = (jnp.linalg.norm(residual(jnp.asarray(b, dtype)), axis=1) for b in (bent, 2 * bent))
+        np.testing.assert_allclose(two, 2 * one, rtol=0.05)
+    # The derivative does not see the threshold: at no bend at all, it is that of the residual itself.
+    slope = jax.jacfwd(residual)(jnp.zeros((), dtype))
+    far = residual(jnp.asarray(1.0, dtype)) - residual(jnp.asarray(0.5, dtype))
+    np.testing.assert_allclose(2 * far, slope, rtol=1e-4, atol=1e-4 * float(jnp.abs(slope).max()))

@@ -27,6 +27,9 @@ from sigmapoint.linalg import solve_upper
 from sigmapoint.native import materialized, product
 from sigmapoint.spaces import Space
 
+ROUND_OFF = 4.0
+"""What is not more than so many times the round-off of the numbers that it was computed from says nothing."""
+
 
 class Linearization(NamedTuple):
     """`g(ξ) ≈ mean + slope ξ + residual ε` (in the output's space: `mean` is a point, the rest are differences)."""
@@ -86,6 +89,17 @@ class SigmaPoints(NamedTuple):
         )
         return shift[0], slope, residual
 
+    def cleared(self, residual: Float[Array, "k d"], scale: Float[Array, " d"]) -> Float[Array, "k d"]:
+        """`residual` on a grid no finer than the round-off of the function values of size `scale` it comes from.
+
+        A second difference of a function that is straight is not zero but some round-off of its values. Beside a small
+        variance that would count as noise: in 32 bits, values of 1e4 would add a standard deviation of 1e-3. The sum
+        with a large number has no digits for it; the derivative is that of `residual`.
+        """
+        reach = np.abs(self.residual).sum(axis=1, keepdims=True)
+        large = jnp.asarray(2 * ROUND_OFF * reach, residual.dtype) * scale[None, :]
+        return (residual + large) - large
+
 
 @runtime_checkable
 class Rule(Protocol):
@@ -137,7 +151,9 @@ class SigmaPointRule(ABC):
         constants = self.constants(n)
         D = jax.vmap(space.residual, (0, None))(values[1:], values[0])
         shift, slope, residual = constants.projected(materialized(D))
-        return Linearization(space.retract(values[0], shift), slope.T, residual.T, magnitude(values, slope.shape[1]))
+        scale = jax.lax.stop_gradient(magnitude(values, slope.shape[1], n))
+        residual = constants.cleared(residual, scale)
+        return Linearization(space.retract(values[0], shift), slope.T, residual.T, scale)
 
     def constants(self, n: int) -> SigmaPoints:
         """`sigma_points(n)`, remembered."""
@@ -149,10 +165,14 @@ def _remembered(rule: SigmaPointRule, n: int) -> SigmaPoints:
     return rule.sigma_points(n)
 
 
-def magnitude(values: Float[Array, "p d"], size: int) -> Float[Array, " c"]:
-    """The largest absolute value in each column; of all of them where a difference has other elements than a value."""
-    largest = jnp.max(jnp.abs(values), axis=0)
-    return largest if largest.shape[0] == size else jnp.full(size, jnp.max(largest))
+def magnitude(values: Float[Array, "p d"], size: int, n: int = 0) -> Float[Array, " c"]:
+    """How large values are, in each element: 1 to √(2n+1) times the largest at a symmetric set in n dimensions.
+
+    That of all elements together where a difference (of `size`) has other elements than a value.
+    """
+    squares = (2 * n + 1) / values.shape[0] * jnp.sum(values**2, axis=0)
+    squares = squares if squares.shape[0] == size else jnp.full(size, jnp.sum(squares))
+    return jnp.sqrt(jnp.minimum(squares, jnp.finfo(values.dtype).max))
 
 
 def symmetric_points(n: int, spread: float) -> Float[np.ndarray, "p n"]:
