@@ -1,6 +1,6 @@
 // The same filter in C++ with fixed-size Eigen matrices: dense UKF (alpha 1, beta 2, kappa 0, points redrawn) of a
-// coordinated turn seen in range and bearing. Usage: ukf MEASUREMENTS.bin ROWS REPETITIONS; prints seconds and the
-// log-likelihood of each repetition.
+// coordinated turn seen in range and bearing. Usage: ukf MEASUREMENTS.bin ROWS MEANS.bin; writes the filtered means and
+// prints the seconds of the filter alone.
 #include <Eigen/Dense>
 #include <chrono>
 #include <cmath>
@@ -42,7 +42,6 @@ static inline void draw(const State& x, const StateCov& cov, double spread, Stat
 int main(int argc, char** argv) {
   if (argc != 4) return 2;
   const long rows = std::atol(argv[2]);
-  const int repetitions = std::atoi(argv[3]);
   std::vector<double> y(M * rows), means(N * rows), stds(N * rows);
   FILE* file = std::fopen(argv[1], "rb");
   if (!file || std::fread(y.data(), sizeof(double), M * rows, file) != size_t(M * rows)) return 1;
@@ -61,50 +60,51 @@ int main(int argc, char** argv) {
   MeasurementCov R = MeasurementCov::Zero();
   R.diagonal() << 100, 1e-5;
 
-  for (int repetition = 0; repetition < repetitions; repetition++) {
-    const auto begin = std::chrono::steady_clock::now();
-    State x;
-    x << 1000, 30, 1000, 0, 0.05;
-    StateCov C = StateCov::Zero();
-    C.diagonal() << 100, 10, 100, 10, 1e-4;
-    States X;
-    Eigen::Matrix<double, M, P> Y;
-    double log_likelihood = 0;
-    for (long t = 0; t < rows; t++) {
-      draw(x, C, spread, X);
-      for (int i = 0; i < P; i++) Y.col(i) = h(X.col(i));
-      Measurement mean = wm * Y.col(0);
-      for (int i = 1; i < P; i++) mean += w * Y.col(i);
-      MeasurementCov S = R;
-      Cross cross = Cross::Zero();
-      for (int i = 0; i < P; i++) {
-        const Measurement d = Y.col(i) - mean;
-        S += (i ? w : wc) * d * d.transpose();
-        cross += (i ? w : wc) * (X.col(i) - x) * d.transpose();
-      }
-      const Measurement e(y[M * t] - mean[0], y[M * t + 1] - mean[1]);
-      const MeasurementCov inverse = S.inverse();
-      const Cross K = cross * inverse;
-      x += K * e;
-      C -= K * S * K.transpose();
-      C = (0.5 * (C + C.transpose())).eval();
-      log_likelihood += -0.5 * (e.dot(inverse * e) + std::log(S.determinant()) + M * std::log(2 * M_PI));
-      for (int i = 0; i < N; i++) {
-        means[N * t + i] = x[i];
-        stds[N * t + i] = std::sqrt(C(i, i));
-      }
-      draw(x, C, spread, X);
-      for (int i = 0; i < P; i++) X.col(i) = f(X.col(i));
-      State ahead = wm * X.col(0);
-      for (int i = 1; i < P; i++) ahead += w * X.col(i);
-      C = Q;
-      for (int i = 0; i < P; i++) {
-        const State d = X.col(i) - ahead;
-        C += (i ? w : wc) * d * d.transpose();
-      }
-      x = ahead;
+  const auto begin = std::chrono::steady_clock::now();
+  State x;
+  x << 1000, 30, 1000, 0, 0.05;
+  StateCov C = StateCov::Zero();
+  C.diagonal() << 100, 10, 100, 10, 1e-4;
+  States X;
+  Eigen::Matrix<double, M, P> Y;
+  double log_likelihood = 0;
+  for (long t = 0; t < rows; t++) {
+    draw(x, C, spread, X);
+    for (int i = 0; i < P; i++) Y.col(i) = h(X.col(i));
+    Measurement mean = wm * Y.col(0);
+    for (int i = 1; i < P; i++) mean += w * Y.col(i);
+    MeasurementCov S = R;
+    Cross cross = Cross::Zero();
+    for (int i = 0; i < P; i++) {
+      const Measurement d = Y.col(i) - mean;
+      S += (i ? w : wc) * d * d.transpose();
+      cross += (i ? w : wc) * (X.col(i) - x) * d.transpose();
     }
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    std::printf("%.9f %.10e %.10e %.10e\n", seconds, log_likelihood, means[N * rows - 5], stds[N * rows - 5]);
+    const Measurement e(y[M * t] - mean[0], y[M * t + 1] - mean[1]);
+    const MeasurementCov inverse = S.inverse();
+    const Cross K = cross * inverse;
+    x += K * e;
+    C -= K * S * K.transpose();
+    C = (0.5 * (C + C.transpose())).eval();
+    log_likelihood += -0.5 * (e.dot(inverse * e) + std::log(S.determinant()) + M * std::log(2 * M_PI));
+    for (int i = 0; i < N; i++) {
+      means[N * t + i] = x[i];
+      stds[N * t + i] = std::sqrt(C(i, i));
+    }
+    draw(x, C, spread, X);
+    for (int i = 0; i < P; i++) X.col(i) = f(X.col(i));
+    State ahead = wm * X.col(0);
+    for (int i = 1; i < P; i++) ahead += w * X.col(i);
+    C = Q;
+    for (int i = 0; i < P; i++) {
+      const State d = X.col(i) - ahead;
+      C += (i ? w : wc) * d * d.transpose();
+    }
+    x = ahead;
   }
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  file = std::fopen(argv[3], "wb");
+  if (!file || std::fwrite(means.data(), sizeof(double), means.size(), file) != means.size() || std::fclose(file))
+    return 1;
+  std::printf("%.9f %.10e\n", seconds, log_likelihood);
 }

@@ -71,7 +71,7 @@ def _about(
     displaced, factor = around(nominal, entry, u, inside)
     n = nominal.factor.shape[0]
     value = rule.about(displaced, jnp.zeros(factor.shape[0], factor.dtype), factor, outside)
-    columns = jnp.concatenate([value.slope[:, n:], value.residual], axis=1)
+    columns = jnp.concatenate([value.slope[:, n:], value.bend], axis=1)
     return value.mean, value.slope[:, :n], SquareRoot.root(columns, entry.rest)
 
 
@@ -121,7 +121,7 @@ def smoothed(model: Affine, beliefs: SquareRoot) -> SquareRoot:
 
 
 def _exact(mean: Array, slope: Array, residual: Array) -> Linearization:
-    return Linearization(mean, slope, residual, jnp.zeros_like(mean))
+    return Linearization(mean, slope, residual, jnp.zeros_like(mean), jnp.zeros_like(residual))
 
 
 def _given(belief: SquareRoot, A: Array, B: Array, difference: Array, active: Array) -> Conditioned:

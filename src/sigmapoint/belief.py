@@ -95,7 +95,7 @@ class SquareRoot(NamedTuple):
 
     @classmethod
     def marginal(cls, x: Linearization, noise: Spread | None) -> "SquareRoot":
-        return cls(x.mean, cls.root(jnp.concatenate([x.slope, x.residual], axis=1), noise))
+        return cls(x.mean, cls.root(jnp.concatenate([x.slope, x.bend], axis=1), noise))
 
     @staticmethod
     def root(columns: Float[Array, "c k"], noise: Spread | None) -> Float[Array, "c c"]:

@@ -167,4 +167,4 @@ def known(belief: Belief, N: int) -> Linearization:
     """The state itself, over the N coordinates of the points."""
     n = belief.factor.shape[0]
     slope = jnp.pad(belief.factor, ((0, 0), (0, N - n)))
-    return Linearization(belief.mean, slope, slope[:, :0], jnp.zeros(n, slope.dtype))
+    return Linearization(belief.mean, slope, slope[:, :0], jnp.zeros(n, slope.dtype), slope[:, :0])

@@ -131,9 +131,9 @@ def _arranged(joint: Joint, difference: Array, active: Array, floor: Array, kind
     """The value's elements over (ξ, noises), and the states over ξ."""
     y, x, noise = joint
     kept = active[:, None]
-    slope, residual, shared = jnp.where(kept, y.slope, 0.0), jnp.where(kept, y.residual, 0.0), x.slope
+    slope, residual, shared = jnp.where(kept, y.slope, 0.0), jnp.where(kept, y.bend, 0.0), x.slope
     if x.residual.shape[1]:
-        slope, shared = jnp.concatenate([slope, residual], 1), jnp.concatenate([shared, x.residual], 1)
+        slope, shared = jnp.concatenate([slope, residual], 1), jnp.concatenate([shared, x.bend], 1)
         residual = residual[:, :0]
     noise = None if noise is None else noise.masked(active)
     if residual.shape[1]:  # few columns in place of many

@@ -39,7 +39,8 @@ def relinearized(
         return entry.call(at(xi[:n]), u, xi[n:])
 
     origin = jnp.zeros(N, y.dtype)
-    coordinates = Linearization(origin, jnp.eye(N, dtype=y.dtype), jnp.zeros((N, 0), y.dtype), origin)
+    nothing = jnp.zeros((N, 0), y.dtype)
+    coordinates = Linearization(origin, jnp.eye(N, dtype=y.dtype), nothing, origin, nothing)
     for _ in range(passes):
         given = condition(joint._replace(state=coordinates), innovation[:, None], active, type(belief))
         mu = given.step[:, 0]

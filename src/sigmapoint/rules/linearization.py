@@ -39,6 +39,18 @@ class Linearization(NamedTuple):
     residual: Float[Array, "c k"]
     scale: Float[Array, " c"]
     """size of the numbers it was computed from: what is below their round-off is not there"""
+    large: Float[Array, "c k"]
+    """numbers so large that in their sum with `residual` there are no digits for its round-off"""
+
+    @property
+    def bend(self) -> Float[Array, "c k"]:
+        """`residual` without what is mere round-off of the numbers that it was computed from.
+
+        A second difference of a function that is straight is not zero but some round-off of its values. Beside a small
+        variance that would count as noise: in 32 bits, values of 1e4 would add a standard deviation of 1e-3. (Where
+        covariances are added up, as in the dense form, their own round-off is larger.)
+        """
+        return (self.residual + self.large) - self.large
 
 
 class Pairs(NamedTuple):
@@ -89,16 +101,10 @@ class SigmaPoints(NamedTuple):
         )
         return shift[0], slope, residual
 
-    def cleared(self, residual: Float[Array, "k d"], scale: Float[Array, " d"]) -> Float[Array, "k d"]:
-        """`residual` on a grid no finer than the round-off of the function values of size `scale` it comes from.
-
-        A second difference of a function that is straight is not zero but some round-off of its values. Beside a small
-        variance that would count as noise: in 32 bits, values of 1e4 would add a standard deviation of 1e-3. The sum
-        with a large number has no digits for it; the derivative is that of `residual`.
-        """
+    def large(self, scale: Float[Array, " d"]) -> Float[Array, "k d"]:
+        """`Linearization.large` for function values of size `scale`."""
         reach = np.abs(self.residual).sum(axis=1, keepdims=True)
-        large = jnp.asarray(2 * ROUND_OFF * reach, residual.dtype) * scale[None, :]
-        return (residual + large) - large
+        return jnp.asarray(2 * ROUND_OFF * reach, scale.dtype) * scale[None, :]
 
 
 @runtime_checkable
@@ -152,8 +158,7 @@ class SigmaPointRule(ABC):
         D = jax.vmap(space.residual, (0, None))(values[1:], values[0])
         shift, slope, residual = constants.projected(materialized(D))
         scale = jax.lax.stop_gradient(magnitude(values, slope.shape[1], n))
-        residual = constants.cleared(residual, scale)
-        return Linearization(space.retract(values[0], shift), slope.T, residual.T, scale)
+        return Linearization(space.retract(values[0], shift), slope.T, residual.T, scale, constants.large(scale).T)
 
     def constants(self, n: int) -> SigmaPoints:
         """`sigma_points(n)`, remembered."""

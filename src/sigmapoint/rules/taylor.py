@@ -25,7 +25,7 @@ class Taylor:
         moved = jax.linearize(lambda v: space.residual(v, value), value)[1]
         slope = jax.vmap(lambda column: moved(along(column)), 1, 1)(factor)
         scale = magnitude(value[None], slope.shape[0]) + jnp.sum(jnp.abs(slope), axis=1)
-        return Linearization(value, slope, slope[:, :0], scale)
+        return Linearization(value, slope, slope[:, :0], scale, slope[:, :0])
 
     def about(
         self,
