@@ -48,12 +48,10 @@ def _online(method: sp.Method) -> Any:
         start = live.prepare(y[0])
 
         def run() -> tuple[np.ndarray, np.ndarray]:
-            state, means, seconds = start, [], []
+            ahead, means, seconds = start, [], []
             for row in y:
                 begin = time.perf_counter()
-                if means:
-                    state = live.predict(state)
-                state, _ = live.update(state, row)
+                state, _, ahead = live.step(ahead, row)
                 means.append(np.asarray(state.mean))
                 seconds.append(time.perf_counter() - begin)
             return np.array(means), np.array(seconds)

@@ -247,11 +247,13 @@ def long_enough(T: int, **noises: Any) -> None:
 def inputs(u: Any, T: int | None, dtype: Any) -> Any:
     """Every leaf an array with leading axis T (any shape where T is None), floating ones in `dtype` and without NaN."""
 
-    def leaf(path: Any, value: Any) -> Array:
+    def leaf(path: Any, value: Any) -> Array | np.ndarray:
         name = "u" + jax.tree_util.keystr(path)
         unmasked(name, value)
         try:
-            made = jnp.asarray(value)
+            # One input of a live filter stays with NumPy: JAX would take longer for it than for the step.
+            here = np.asarray(value) if T is None and not isinstance(value, jax.Array) else None
+            made = jnp.asarray(value) if here is None or here.dtype.kind not in "fiub" else here
         except TypeError as error:
             kind = getattr(value, "dtype", None)
             got = type(value).__name__ if kind is None else f"an array of {kind}"

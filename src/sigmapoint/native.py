@@ -61,14 +61,22 @@ def applied(A: Float[Array, "n k"], x: Float[Array, " k"]) -> Float[Array, " n"]
     return product(A, x[:, None])[:, 0]
 
 
-def looped(step: Callable[[Any], tuple[Any, Any]], state: Any, once: Array | None) -> tuple[Any, Any]:
-    """`step(state)`, as a loop that runs `once` times: only loops become native. `once` is the number one, which the
-    compiler must not know, or nothing for no loop. `step` gives the state after, of the same kind, and something more.
+def looped(step: Callable[..., tuple[Any, Any]], state: Any, once: Array | None, *given: Any) -> tuple[Any, Any]:
+    """`step(state, *given)`, as a loop that runs `once` times: only loops become native.
+
+    `once` is the number one, which the compiler must not know, or nothing for no loop. `step` gives the state after, of
+    the same kind, and something more.
     """
     if once is None or not NATIVE:
-        return step(state)
-    besides = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(step, state)[1])
-    return jax.lax.fori_loop(0, once, lambda _, carry: step(carry[0]), (state, besides))
+        return step(state, *given)
+    besides = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(step, state, *given)[1])
+
+    def body(i: Array, carry: Any) -> Any:
+        # What does not change in a loop is moved out of it, where every operation is a call: so it seems to change.
+        inside = jax.tree.map(lambda a: jnp.where(i >= 0, a, jnp.zeros_like(a)), given)
+        return step(carry[0], *inside)
+
+    return jax.lax.fori_loop(0, once, body, (state, besides))
 
 
 def materialized(*arrays: Array) -> Any:

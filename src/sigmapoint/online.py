@@ -4,6 +4,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
@@ -34,6 +35,8 @@ class OnlineFilter:
         self._arrays = [leaf for leaf in leaves if _is_array(leaf)]
         rest = tuple(None if _is_array(leaf) else leaf for leaf in leaves)
         self._dtype = np.dtype(model.initial.mean.dtype)
+        self._known = all(map(checks.known, leaves))
+        self._one = jnp.ones((), int)
         self._calls = _calls(structure, rest, method)
 
     def init(self) -> FilterState:
@@ -76,7 +79,7 @@ class OnlineFilter:
             (1.0, 2.0)
         """
         given = (_state(state), self._measurement(y), self._inputs(u))
-        return unwrapped(self._calls.update, self._arrays, *given, self._once(given))
+        return unwrapped(self._calls.update, self._arrays, *given, self._once(*given))
 
     def predict(self, state: FilterState, u: Any = None) -> FilterState:
         """Go on to the next instant.
@@ -101,7 +104,37 @@ class OnlineFilter:
             (2.0, 1)
         """
         given = (_state(state), self._inputs(u))
-        return unwrapped(self._calls.predict, self._arrays, *given, self._once(given))
+        return unwrapped(self._calls.predict, self._arrays, *given, self._once(*given))
+
+    def step(self, state: FilterState, y: Any, u: Any = None) -> tuple[FilterState, Info, FilterState]:
+        """Take in a measurement and go on to the next instant: `update`, then `predict`, in one call.
+
+        A call costs more than the arithmetic of a small model, so this is almost twice as fast as the two.
+
+        Args:
+            state: about the instant of `y`: the `ahead` of the step before, or from `init` or `predict`.
+            y: the measurement (m,), as for `update`.
+            u: the input of the same instant, any pytree of arrays, or nothing.
+
+        Returns:
+            The state given the measurement, what the measurement looked like, and the state ahead, at the next instant.
+
+        Raises:
+            ValueError: as `update`.
+
+        Examples:
+            >>> import jax.numpy as jnp, sigmapoint as sp
+            >>> model = sp.StateSpaceModel(lambda x, u: 2 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+            ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+            >>> live = sp.online(model)
+            >>> ahead = live.init()
+            >>> for y in ([2.0], [4.0]):
+            ...     state, info, ahead = live.step(ahead, y)
+            >>> int(state.step), int(ahead.step), bool(ahead.mean[0] == 2 * state.mean[0])
+            (1, 2, True)
+        """
+        given = (_state(state), self._measurement(y), self._inputs(u))
+        return unwrapped(self._calls.step, self._arrays, *given, self._once(*given))
 
     def prepare(self, y: Any, u: Any = None) -> FilterState:
         """Compile ahead of the first sample.
@@ -125,6 +158,7 @@ class OnlineFilter:
         """
         state = self.init()
         self.predict(self.update(state, y, u)[0], u)
+        self.step(state, y, u)
         return state
 
     def _measurement(self, y: Any) -> Any:
@@ -138,9 +172,10 @@ class OnlineFilter:
     def _inputs(self, u: Any) -> Any:
         return u if u is None else checks.inputs(u, None, self._dtype)
 
-    def _once(self, given: Any) -> int | None:
+    def _once(self, *given: Any) -> Array | None:
         # A loop has no derivative backward, and under a transformation of the user's own there is no hurry.
-        return 1 if all(map(checks.known, jax.tree.leaves((self._arrays, given)))) else None
+        known = self._known and all(map(checks.known, jax.tree.leaves(given)))
+        return self._one if known else None
 
 
 def _state(given: Any) -> FilterState:
@@ -154,7 +189,7 @@ def _is_array(leaf: Any) -> bool:
 
 
 def online(model: StateSpaceModel, method: Method | None = None) -> OnlineFilter:
-    """A filter for live data: `init`, then `update` and `predict` in any order and number.
+    """A filter for live data: `init`, then `update` and `predict` in any order and number, or `step` for both.
 
     Args:
         model: the model. A time-varying noise is looked up by the state's `step`; past its end the last one holds.
@@ -186,6 +221,7 @@ class Calls(NamedTuple):
     init: Any
     update: Any
     predict: Any
+    step: Any
 
 
 @lru_cache(maxsize=64)
@@ -198,9 +234,13 @@ def _calls(structure: Any, rest: tuple[Any, ...], method: Method) -> Calls:
         return Filter.of(jax.tree.unflatten(structure, leaves), method)
 
     def update(arrays: list[Array], state: FilterState, y: Any, u: Any, once: Any) -> tuple[FilterState, Info]:
-        return looped(lambda state: run(arrays).update(state, y, u), state, once)
+        return looped(lambda state, arrays, y, u: run(arrays).update(state, y, u), state, once, arrays, y, u)
 
     def predict(arrays: list[Array], state: FilterState, u: Any, once: Any) -> FilterState:
-        return looped(lambda state: (run(arrays).predict(state, u), None), state, once)[0]
+        return looped(lambda state, arrays, u: (run(arrays).predict(state, u), None), state, once, arrays, u)[0]
 
-    return Calls(jax.jit(lambda arrays: run(arrays).init()), jax.jit(update), jax.jit(predict))
+    def step(arrays: list[Array], state: FilterState, y: Any, u: Any, once: Any) -> Any:
+        after, info = update(arrays, state, y, u, once)
+        return after, info, predict(arrays, after, u, once)
+
+    return Calls(jax.jit(lambda arrays: run(arrays).init()), jax.jit(update), jax.jit(predict), jax.jit(step))

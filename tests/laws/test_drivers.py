@@ -18,13 +18,18 @@ SOME = ["ekf", "ukf", "sr cdkf", "sr augmented", "extended set"]
 @pytest.mark.parametrize("name", SOME)
 def test_online_is_filter(name):
     live, whole = sp.online(MODEL, METHODS[name]), sp.filter(MODEL, Y[:20], None, METHODS[name])
-    state = live.init()
+    state = ahead = live.init()
     for k in range(20):
+        stepped, seen, ahead = live.step(ahead, Y[k])
         state, info = live.update(state, Y[k])
+        for one, other in zip(jax.tree.leaves((stepped, seen)), jax.tree.leaves((state, info))):
+            np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(state.mean, whole.mean[k], rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(state.cov, whole.cov[k], rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(info.nis, whole.nis[k], rtol=1e-12, atol=1e-12)
         state = live.predict(state)
+        np.testing.assert_allclose(ahead.mean, state.mean, rtol=1e-12, atol=1e-12)
+        assert int(ahead.step) == int(state.step) == k + 1
 
 
 @pytest.mark.parametrize("name", SOME)
