@@ -205,7 +205,7 @@ def main() -> None:
                     print(table(rows[-sum(map(len, case.entrants.values())) :]), flush=True)
         for contender in contenders.values():
             contender.close()
-    (chosen.out / "table.md").write_text(table(rows))
+    (chosen.out / "table.md").write_text("# All benchmark numbers\n\n" + table(rows))
     if importlib.util.find_spec("matplotlib"):
         drawn(rows, chosen.out)
 

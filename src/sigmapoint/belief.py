@@ -11,6 +11,7 @@ from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from sigmapoint.linalg import cholesky, norm_rows, tria
@@ -68,7 +69,7 @@ class Dense(NamedTuple):
         if noise is None:
             return L
         # Pivots grow by what is added, so they are at least those of the noise: also where round-off has taken them.
-        return L + jnp.diag(jnp.maximum(jnp.diagonal(noise.factor) - jnp.diagonal(L), 0.0))
+        return jnp.where(np.eye(L.shape[0], dtype=bool), jnp.maximum(L, noise.factor), L)
 
 
 class SquareRoot(NamedTuple):

@@ -34,6 +34,8 @@ def scan(
         The state at the end, and what `step` gave out, stacked.
     """
     T = jax.tree.leaves(rows)[0].shape[0]
+    # Backward, a step is computed again from the state before: to store what it computed takes longer than that.
+    step = jax.checkpoint(step, prevent_cse=False)
     chunks, size = _chunks(T, step, start, rows, real)
     spare = chunks * size - T
     ends = real is not None
@@ -67,7 +69,7 @@ def _chunks(T: int, step: Any, start: Any, rows: Any, real: Array | None) -> tup
     if not NATIVE:
         return 1, T
     one = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), rows)
-    each = max(_bytes(one) + _bytes(jax.eval_shape(step, start, one)[1]), 1)
+    each = max(_bytes(one) + sum(map(_bytes, jax.eval_shape(step, start, one))), 1)
     least = max(-(-T * each * 2 // SMALL), 1 if real is None else -(-T // SKIPPED))
     if not 1 < least < T:
         return 1, T

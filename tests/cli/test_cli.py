@@ -1,8 +1,10 @@
 """The command line in-process: what it writes, and one clear message without a traceback for what is wrong."""
 
 import json
+import os
 import re
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -58,7 +60,7 @@ def message(*args, code=2):
     return " ".join(text.split())
 
 
-@pytest.mark.parametrize("command", [(), ("demo",), ("run",), ("compare",), ("reproduce",)])
+@pytest.mark.parametrize("command", [(), ("demo",), ("run",), ("compare",), ("bench",), ("reproduce",)])
 def test_help_and_version(command):
     assert "Usage" in invoke(*command, "--help").stdout
     assert invoke("--version").stdout == f"sigmapoint {sp.__version__}\n"
@@ -140,6 +142,40 @@ def test_compare_shows_a_method_that_refuses_beside_the_others(files, tmp_path):
     assert [row["method"] for row in rows] == ["ekf", "ghkf(6000)"]
     assert set(pd.read_parquet(tmp_path / "out" / "estimates.parquet")["method"]) == {"ekf"}
     assert "no method could run" in message("compare", *files(), "--methods", "ghkf(6000)", "--out", tmp_path / "out")
+
+
+def test_bench_times_every_method_that_runs(files, tmp_path):
+    options = ("--methods", "ekf, ghkf(6000)", "--repetitions", 2, "--out", tmp_path / "out")
+    shown = invoke("bench", *files(), *options).stdout
+    assert "6000**1 points" in shown
+    found = json.loads((tmp_path / "out" / "bench.json").read_text())
+    times = found["rows"][0]
+    assert all(times[f"{kind} µs/row"] > 0 for kind in ("filter", "smoother", "gradient"))
+    assert times["live p99 µs"] >= times["live µs"] > 0
+    assert times["first call s"] > times["filter µs/row"] * 3e-6
+    assert [len(each) for each in found["us_per_row"].values()] == [2, 2, 2]
+    assert list(found["rows"][1]) == ["method", "note"]
+    assert "no method could run" in message("bench", *files(), "--methods", "ghkf(6000)", "--out", tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+def test_programs_are_kept_between_runs_in_the_cache_folder_of_the_user(files, tmp_path):
+    kept = {key: value for key, value in os.environ.items() if not key.startswith("JAX_")}
+    environment = kept | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    command = [sys.executable, "-m", "sigmapoint", "run", *files(), "--method", "ekf", "--out", str(tmp_path / "out")]
+
+    def ran():
+        shown = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        assert not re.search("warning|error", shown.stderr, re.IGNORECASE), shown.stderr
+        estimates = pd.read_parquet(tmp_path / "out" / "estimates.parquet")
+        programs = {path for path in (tmp_path / "cache" / "sigmapoint").rglob("*") if path.name.endswith("-cache")}
+        return estimates, programs
+
+    first, programs = ran()
+    assert programs
+    second, later = ran()
+    assert later == programs
+    pd.testing.assert_frame_equal(first, second, check_exact=True)
 
 
 def test_demo_with_two_methods(tmp_path):

@@ -1,10 +1,12 @@
-"""The command line: `sigmapoint demo | run | compare | reproduce | doctor`. One file a command."""
+"""The command line: `sigmapoint demo | run | compare | bench | reproduce | doctor`. One file a command."""
 
 from typing import Annotated
 
 import typer
 
 from sigmapoint import __version__
+from sigmapoint.cli.bench import bench
+from sigmapoint.cli.cache import kept_between_runs
 from sigmapoint.cli.compare import compare
 from sigmapoint.cli.demo import demo
 from sigmapoint.cli.doctor import doctor
@@ -33,9 +35,10 @@ Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=
 @app.callback()
 def options(version: Version = False) -> None:
     """Nonlinear estimation with sigma-point Kalman filters. Computes in 64-bit numbers."""
+    kept_between_runs()
 
 
-for command in (demo, run, compare, reproduce, doctor):
+for command in (demo, run, compare, bench, reproduce, doctor):
     app.command()(command)
 
 
