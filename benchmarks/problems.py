@@ -5,6 +5,7 @@ functions are written in: `numpy` or `jax.numpy`.
 """
 
 from collections.abc import Callable
+from itertools import count
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -68,14 +69,20 @@ def lorenz96(n: int, xp: ModuleType = np) -> Problem:
 
 
 def lorenz96_measurements(n: int, rows: int, seed: int = 0) -> np.ndarray:
-    """Of a path drawn from the model itself."""
-    r = np.random.default_rng(seed)
+    """Of a path drawn from the model itself; drawn again where Euler's steps have lost it (of 80 states, sometimes)."""
     one = lorenz96(n)
-    x, y = one.mean + r.normal(size=n), np.empty((rows, one.R.shape[0]))
-    for k in range(rows):
-        y[k] = one.h(x) + 0.1**0.5 * r.normal(size=one.R.shape[0])
-        x = one.f(x) + 0.1 * r.normal(size=n)
-    return y
+    y = np.empty((rows, one.R.shape[0]))
+    for attempt in count():
+        r = np.random.default_rng([seed, attempt])
+        x = one.mean + r.normal(size=n)
+        for k in range(rows):
+            y[k] = one.h(x) + 0.1**0.5 * r.normal(size=one.R.shape[0])
+            x = one.f(x) + 0.1 * r.normal(size=n)
+            if np.abs(x).max() > 1e3:
+                break
+        else:
+            return y
+    raise AssertionError
 
 
 def problem(name: str, xp: ModuleType = np) -> Problem:

@@ -149,6 +149,7 @@ def table(rows: list[dict[str, Any]]) -> str:
             lines.append(f"{head} {row['error'][:60]} | | | |")
             continue
         ours = [r for r in rows if r["contender"] == "sigmapoint" and all(r[k] == row[k] for k in ALIKE)]
+        ours = [r for r in ours if "error" not in r]
         same = [r for r in ours if r["method"] == _family(row["method"])] or ours
         ratio = f"{time(row) / time(same[0]):.2f}" if same else ""
         difference = f"{row['difference']:.0e}" if "difference" in row else ""

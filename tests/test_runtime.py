@@ -34,5 +34,5 @@ def _shown(code, **environment):
 def test_when_the_setting_is_added(code, environment, native, kept):
     found, flags = _shown(code, **environment)
     assert found == native
-    added = " --xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=2097152" if native else ""
+    added = " --xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=524288" if native else ""
     assert flags == (kept + added).strip()
