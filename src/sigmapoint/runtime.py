@@ -20,8 +20,11 @@ import jax
 VARIABLE = "SIGMAPOINT_NATIVE"
 OPTION = "xla_cpu_small_while_loop_byte_threshold"
 SMALL = 2**19
-"""Bytes in all buffers of a loop, up to which it is compiled into one function. With twice as much, other programs suffer:
-loops over large arrays, which XLA spreads over the cores, took up to 1.9 times as long (`benchmarks/neighbours.py`)."""
+"""Bytes in all buffers of a loop, up to which it is compiled into one function.
+
+With twice as much, other programs suffer: loops over large arrays, which XLA spreads over the cores otherwise, took up
+to 1.9 times as long (`benchmarks/neighbours.py`).
+"""
 
 
 def prepare() -> tuple[bool, str]:
