@@ -115,7 +115,7 @@ def measured(case: Case, contenders: dict[str, Contender], folder: Path, repetit
                 if "error" in row:
                     continue
                 request = {"task": case.task, "method": method, "problem": case.problem, "data": str(data)}
-                answer = contenders[name].ask(**request, key=f"{case.rows} {case.series}")
+                answer = contenders[name].ask(**request, key=f"{case.part} {case.rows} {case.series}")
                 if "error" in answer:
                     row["error"] = answer["error"]
                     continue
@@ -197,7 +197,8 @@ def main() -> None:
         contenders = {
             name: Contender(name) for name in names if name in (chosen.contenders or ",".join(names)).split(",")
         }
-        rows = []
+        before = json.loads(results.read_text())["rows"] if results.exists() else []
+        rows = [row for row in before if row["part"] not in chosen.only.split(",")]  # measured before: they stay
         with tempfile.TemporaryDirectory() as folder:
             for case in cases():
                 if case.part in chosen.only.split(",") and set(case.entrants) & set(contenders):
