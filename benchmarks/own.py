@@ -70,14 +70,16 @@ def ragged(repetitions: int) -> dict[str, float]:
     even = [y[: round(rows / 1_000)]] * 1_000
     uneven = [y[:length] for length in lengths]
     both = {"one length": even, "ragged": uneven, "in one array": jnp.asarray(np.stack(even))}
-    runs = {name: lambda ys=ys: sp.batch(model(), ys, method=sp.ukf(), keep=KEEP) for name, ys in both.items()}
+    turn = model()
+    runs = {name: lambda ys=ys: sp.batch(turn, ys, method=sp.ukf(), keep=KEEP) for name, ys in both.items()}
     return {name: seconds / rows * 1e6 for name, seconds in alternating(repetitions, **runs).items()}
 
 
 def batch() -> None:
     """In a process of its own: 10,000 series of 200 rows on the cores it may use."""
     y = jnp.asarray(np.stack([turn_measurements(200, seed) for seed in range(100)] * 100))
-    took = alternating(7, batch=lambda: sp.batch(model(), y, method=sp.ukf(), keep=KEEP))
+    turn = model()
+    took = alternating(7, batch=lambda: sp.batch(turn, y, method=sp.ukf(), keep=KEEP))
     print(took["batch"] / y.shape[0] / y.shape[1] * 1e6)
 
 
@@ -96,15 +98,13 @@ def memory() -> None:
 
 def alone(name: str, cores: int = 0, **environment: str) -> tuple[float, float]:
     """What the function of this name prints in a new process on so many cores, and the seconds of the process."""
-    allowed = sorted(os.sched_getaffinity(0))[: cores or None]
     begin = time.perf_counter()
     shown = subprocess.run(
-        [sys.executable, __file__, "--alone", name],
+        [sys.executable, __file__, "--alone", name, "--cores", str(cores)],
         env=os.environ | environment,
         stdout=subprocess.PIPE,
         text=True,
         check=True,
-        preexec_fn=lambda: os.sched_setaffinity(0, allowed),
     )
     return float(shown.stdout), time.perf_counter() - begin
 
@@ -115,8 +115,10 @@ def main() -> None:
     parser.add_argument("--repetitions", type=int, default=7)
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--alone", help=argparse.SUPPRESS)
+    parser.add_argument("--cores", type=int, default=0, help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.alone:
+        os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: chosen.cores or None])
         {"batch": batch, "first": first, "memory": memory}[chosen.alone]()
         return
     each = range(chosen.repetitions)
