@@ -9,8 +9,6 @@ without, and writes neighbours.json into the folder `--out`.
 import argparse
 import json
 import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -19,6 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from alone import alone, written
 
 import sigmapoint as sp
 
@@ -106,17 +105,10 @@ def main() -> None:
         print(json.dumps(measured()))
         return
 
-    def new_process(native: str) -> dict[str, float]:
-        command = [sys.executable, __file__, "--alone"]
-        environment = os.environ | {"SIGMAPOINT_NATIVE": native}
-        return json.loads(subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True).stdout)
-
-    pairs = [(new_process("1"), new_process("0")) for _ in range(chosen.repetitions)]
+    settings = [os.environ | {"SIGMAPOINT_NATIVE": native} for native in ("1", "0")]
+    pairs = [[alone(__file__, env=env) for env in settings] for _ in range(chosen.repetitions)]
     ratios = {name: float(np.median([on[name] / off[name] for on, off in pairs])) for name in pairs[0][0]}
-    chosen.out.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(ratios, indent=1)
-    (chosen.out / "neighbours.json").write_text(text + "\n")
-    print(text)
+    written(ratios, chosen.out, "neighbours.json")
 
 
 if __name__ == "__main__":

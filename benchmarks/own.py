@@ -6,11 +6,8 @@ The turn of `problems.py` throughout. Writes own.json into the folder `--out`, a
 """
 
 import argparse
-import json
 import os
 import resource
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -20,6 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from alone import alone, written
 from problems import problem, turn_measurements
 
 import sigmapoint as sp
@@ -75,38 +73,32 @@ def ragged(repetitions: int) -> dict[str, float]:
     return {name: seconds / rows * 1e6 for name, seconds in alternating(repetitions, **runs).items()}
 
 
-def batch() -> None:
+def batch() -> float:
     """In a process of its own: 10,000 series of 200 rows on the cores it may use."""
     y = jnp.asarray(np.stack([turn_measurements(200, seed) for seed in range(100)] * 100))
     turn = model()
     took = alternating(7, batch=lambda: sp.batch(turn, y, method=sp.ukf(), keep=KEEP))
-    print(took["batch"] / y.shape[0] / y.shape[1] * 1e6)
+    return took["batch"] / y.shape[0] / y.shape[1] * 1e6
 
 
-def first() -> None:
+def first() -> float:
     """In a process of its own: one result, from the import on."""
     post = sp.filter(model(), turn_measurements(1_000), method=sp.ukf())
-    print(float(post.log_likelihood))
+    return float(post.log_likelihood)
 
 
-def memory() -> None:
+def memory() -> float:
     """In a process of its own: peak memory of a million rows, in MB."""
     post = sp.filter(model(), turn_measurements(1_000_000), method=sp.ukf(), keep=KEEP)
     jax.block_until_ready(post.std)
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def alone(name: str, cores: int = 0, **environment: str) -> tuple[float, float]:
-    """What the function of this name prints in a new process on so many cores, and the seconds of the process."""
+def process(name: str, cores: int = 0, **environment: str) -> tuple[float, float]:
+    """What the function of this name gives in a new process on so many cores (0: all), and the seconds it took."""
     begin = time.perf_counter()
-    shown = subprocess.run(
-        [sys.executable, __file__, "--alone", name, "--cores", str(cores)],
-        env=os.environ | environment,
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-    )
-    return float(shown.stdout), time.perf_counter() - begin
+    found = alone(__file__, name, "--cores", str(cores), env=os.environ | environment)
+    return found, time.perf_counter() - begin
 
 
 def main() -> None:
@@ -119,26 +111,23 @@ def main() -> None:
     chosen = parser.parse_args()
     if chosen.alone:
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: chosen.cores or None])
-        {"batch": batch, "first": first, "memory": memory}[chosen.alone]()
+        print({"batch": batch, "first": first, "memory": memory}[chosen.alone]())
         return
     each = range(chosen.repetitions)
     with tempfile.TemporaryDirectory() as cache:
         kept = {"JAX_COMPILATION_CACHE_DIR": cache, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
-        alone("first", **kept)
-        new = [(alone("first")[1], alone("first", **kept)[1]) for _ in each]
+        process("first", **kept)
+        new = [(process("first")[1], process("first", **kept)[1]) for _ in each]
     cold, cached = np.median(new, axis=0)
-    one, two = np.median([(alone("batch", 1)[0], alone("batch", 2)[0]) for _ in range(3)], axis=0)
+    one, two = np.median([(process("batch", 1)[0], process("batch", 2)[0]) for _ in range(3)], axis=0)
     found = {
         "gradient over filter": gradients(chosen.repetitions),
         "us a row, 1,000 series": ragged(chosen.repetitions),
         "new process to first result, s": {"cold": cold, "with the cache": cached},
-        "peak memory of 10^6 rows, MB": alone("memory")[0],
+        "peak memory of 10^6 rows, MB": process("memory")[0],
         "us a row, 10,000 series": {"one core": one, "two cores": two, "gain": one / two},
     }
-    chosen.out.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(found, indent=1)
-    (chosen.out / "own.json").write_text(text + "\n")
-    print(text)
+    written(found, chosen.out, "own.json")
 
 
 if __name__ == "__main__":

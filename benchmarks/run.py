@@ -1,6 +1,6 @@
 """Time sigmapoint beside other libraries: same problems, same measurements, answers compared, repetitions alternating.
 
-    uv run python benchmarks/run.py                                     everything, about an hour on two cores
+    uv run python benchmarks/run.py                                     everything, about 20 minutes on two cores
     uv run python benchmarks/run.py --only turn --contenders sigmapoint,eigen
     uv run python benchmarks/run.py --figures                           draw again what was measured
 

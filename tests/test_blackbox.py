@@ -180,7 +180,7 @@ def test_control_c_inside_comes_out_as_control_c():
 
 def test_extended_filter_needs_a_jacobian_and_says_so():
     box = sp.blackbox(python_step)
-    with pytest.raises(TypeError, match="sigma-point method"):
+    with pytest.raises(ValueError, match="sigma-point method"):
         sp.filter(model(box), Y, U, sp.ekf())
     own = model(
         box,

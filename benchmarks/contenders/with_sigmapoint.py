@@ -26,18 +26,10 @@ def _model(name: str) -> sp.StateSpaceModel:
     return sp.StateSpaceModel(lambda x, u: one.f(x), lambda x, u: one.h(x), one.Q, one.R, start)
 
 
-def _filter(method: sp.Method) -> Any:
+def _make(run: Callable[..., Any], method: sp.Method) -> Any:
     def make(name: str, y: np.ndarray) -> Callable[[], Any]:
         model, y = _model(name), jnp.asarray(y)
-        return lambda: jax.block_until_ready(sp.filter(model, y, method=method, keep=KEEP).mean)
-
-    return make
-
-
-def _batch(method: sp.Method) -> Any:
-    def make(name: str, y: np.ndarray) -> Callable[[], Any]:
-        model, y = _model(name), jnp.asarray(y)
-        return lambda: jax.block_until_ready(sp.batch(model, y, method=method, keep=KEEP).mean)
+        return lambda: jax.block_until_ready(run(model, y, method=method, keep=KEEP).mean)
 
     return make
 
@@ -65,7 +57,7 @@ METHODS = {"ukf": sp.ukf(), "srukf": sp.srukf(), "srcdkf": sp.srcdkf(), "cdkf": 
 
 if __name__ == "__main__":
     serve(
-        filter={name: _filter(method) for name, method in METHODS.items()},
-        batch={name: _batch(method) for name, method in METHODS.items()},
+        filter={name: _make(sp.filter, method) for name, method in METHODS.items()},
+        batch={name: _make(sp.batch, method) for name, method in METHODS.items()},
         online={name: _online(method) for name, method in METHODS.items()},
     )

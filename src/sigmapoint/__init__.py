@@ -10,13 +10,10 @@ from sigmapoint.diagnostics import diagnose
 from sigmapoint.filtering import filter
 from sigmapoint.methods import (
     Method,
-    augmented,
     cdkf,
     ckf,
     ekf,
-    extended_set,
     ghkf,
-    iterated,
     julier_ukf,
     simplex_ukf,
     srcdkf,
@@ -38,6 +35,7 @@ from sigmapoint.smoothing import rts, smooth
 from sigmapoint.spaces import Manifold, angles
 from sigmapoint.step import FilterState, Info
 from sigmapoint.storage import load, save
+from sigmapoint.variants import augmented, extended_set, iterated
 
 if TYPE_CHECKING:
     from sigmapoint.reporting import report

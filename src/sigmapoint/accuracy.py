@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from sigmapoint import checks
+from sigmapoint import data_checks
 from sigmapoint.results import Posterior, field
 
 SIGMAS = (1, 2, 3)
@@ -53,7 +53,7 @@ def errors(post: Posterior, truth: Any) -> Errors:
         ValueError: a truth of another shape; a batch of results; `mean` or `std` not kept.
     """
     mean, std = field(post, "mean"), field(post, "std")
-    truth = checks.truth(truth, mean.shape)
+    truth = data_checks.truth(truth, mean.shape)
     difference = jax.vmap(post.labels.state_space.residual)
     value = np.asarray(difference(jnp.asarray(truth, mean.dtype), jnp.asarray(mean)), float)
     known = ~np.isnan(truth) if value.shape == truth.shape else ~np.isnan(truth).any(1, keepdims=True)

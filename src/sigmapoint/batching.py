@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from sigmapoint import checks
+from sigmapoint import checks, data_checks
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import Estimator, Forward, fitting, series_of
 from sigmapoint.methods import Method
@@ -113,7 +113,7 @@ def _flattened(y: Any, u: Any) -> Ragged:
     if 0 in y.shape:
         raise ValueError(f"y of a batch has shape {y.shape}: at least one series with one sample is needed")
     B, T = y.shape[:2]
-    u = checks.inputs(u, B, y.dtype)
+    u = data_checks.inputs(u, B, y.dtype)
 
     def leaf(path: Any, value: Any) -> Array:
         made = jnp.asarray(value)
@@ -145,7 +145,7 @@ def _concatenated(ys: Sequence[Any], us: Any) -> Ragged:
             raise ValueError("u must have the same structure for every series")
         for i, u in enumerate(us):
             try:
-                checks.inputs(u, int(lengths[i]), np.float64)
+                data_checks.inputs(u, int(lengths[i]), np.float64)
             except ValueError as error:
                 raise ValueError(f"series {i}: {error}") from None
         us = jax.tree.map(lambda *leaves: np.concatenate([np.asarray(a) for a in leaves]), *us)

@@ -127,7 +127,7 @@ def _opaque(box: Blackbox, shape: jax.ShapeDtypeStruct, *args: Any) -> Array:
 
     @call.defjvp
     def no_derivative(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> Any:
-        raise TypeError(
+        raise ValueError(
             "a blackbox has no derivative: use a sigma-point method (sp.srcdkf(), sp.ukf(), ...), or give the model "
             "dynamics_jacobian / observation_jacobian"
         )

@@ -6,7 +6,7 @@ Values are looked at only where they are known: under `jax.jit`, `grad` or `vmap
 import importlib
 import operator
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 import jax
@@ -203,113 +203,6 @@ def names(name: str, given: Any, size: int | None = None, distinct: bool = True)
     if distinct and len(set(given)) != len(given):
         raise ValueError(f"{name} must differ from each other, got {given!r}")
     return tuple(given)
-
-
-def series(y: Any, u: Any, dtype: Any) -> tuple[Array, Any]:
-    """Measurements (T, m) and inputs with the same leading axis, in the dtype of the state."""
-    y = array("y", y).astype(dtype)
-    if y.ndim != 2:
-        hint = "; for a scalar series pass y[:, None]" if y.ndim == 1 else ""
-        raise ValueError(f"y must be (T, m), one row a sample, got shape {y.shape}{hint}")
-    if y.shape[0] == 0:
-        raise ValueError("y has no rows: at least one sample is needed")
-    if y.shape[1] == 0:
-        raise ValueError("y has no columns: at least one measured quantity is needed")
-    measured(y)
-    return y, inputs(u, y.shape[0], dtype)
-
-
-def measured(y: Any) -> None:
-    """NaN means not measured; infinity is refused."""
-    if known(y) and np.isinf(np.asarray(y)).any():
-        raise ValueError("y has infinite values; mark what was not measured with NaN")
-
-
-def truth(given: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """True states, NaN where they are not known."""
-    made = np.asarray(array("truth", given))
-    if made.shape != shape:
-        raise ValueError(
-            f"truth must have the shape of the estimates, {shape}, one row a sample and one column a state, "
-            f"got {made.shape}"
-        )
-    return made
-
-
-def long_enough(T: int, **noises: Any) -> None:
-    """A time-varying noise has at least T rows."""
-    for name, noise in noises.items():
-        for part, ndim in ((noise.cov, 3), (noise.mean, 2)):
-            if part.ndim == ndim and part.shape[0] < T:
-                raise ValueError(f"{name} is given for {part.shape[0]} instants, but y has {T} rows")
-
-
-def inputs(u: Any, T: int | None, dtype: Any) -> Any:
-    """Every leaf an array with leading axis T (any shape where T is None), floating ones in `dtype` and without NaN."""
-
-    def leaf(path: Any, value: Any) -> Array | np.ndarray:
-        name = "u" + jax.tree_util.keystr(path)
-        unmasked(name, value)
-        try:
-            # One input of a live filter stays with NumPy: JAX would take longer for it than for the step.
-            here = np.asarray(value) if T is None and not isinstance(value, jax.Array) else None
-            made = jnp.asarray(value) if here is None or here.dtype.kind not in "fiub" else here
-        except TypeError as error:
-            kind = getattr(value, "dtype", None)
-            got = type(value).__name__ if kind is None else f"an array of {kind}"
-            raise ValueError(f"{name} must be an array of numbers, got {got}") from error
-        if T is not None and (made.ndim == 0 or made.shape[0] != T):
-            raise ValueError(f"{name} must have one row for each of the {T} rows of y, got shape {made.shape}")
-        if jnp.issubdtype(made.dtype, jnp.floating):
-            finite(name, made, "Inputs must be known: interpolate them, or hold the last value")
-            made = made.astype(dtype)
-        return made
-
-    return jax.tree_util.tree_map_with_path(leaf, u)
-
-
-def called(name: str, function: Any, *args: Any) -> Any:
-    """`function(*args)`; an error of the usual kinds says what to write, or what of the input was not given."""
-    try:
-        return function(*args)
-    except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError) as error:
-        error.add_note(
-            f"{name} is traced by JAX: write jnp.sin for np.sin or math.sin and jnp.where for if, or wrap a function "
-            "that cannot be traced, sp.blackbox(function)"
-        )
-        raise
-    except (TypeError, AttributeError) as error:
-        if args[1] is None and "None" in str(error):
-            error.add_note(f"{name} was called with u=None: pass u=... (to update and predict of sp.online, too)")
-        raise
-    except KeyError as error:
-        if isinstance(args[1], Mapping) and error.args[:1] and error.args[0] not in args[1]:
-            error.add_note(f"{name} was called with a u that has the keys {', '.join(map(repr, args[1]))}")
-        raise
-
-
-def columns(measured: int, value: Any) -> None:
-    """A row of y has as many elements as the vector that the observation function returns."""
-    shape = getattr(value, "shape", None)
-    if shape is not None and len(shape) == 1 and shape[0] != measured:
-        raise ValueError(
-            f"y has {measured} element(s) a row, but observation returns {shape[0]}: y must be (T, {shape[0]}), "
-            f"one row a sample (is it transposed?), and a single sample ({shape[0]},)"
-        )
-
-
-def returned(name: str, value: Any, shape: tuple[int, ...], meaning: str) -> Array:
-    """What a user's function returned, as one array of the expected shape."""
-    try:
-        made = jnp.asarray(value)
-    except (TypeError, ValueError) as error:
-        raise ValueError(
-            f"{name} must return one array of shape {shape}, got {type(value).__name__}; "
-            "put scalars together with jnp.stack([...])"
-        ) from error
-    if made.shape != shape:
-        raise ValueError(f"{name} must return an array of shape {shape} ({meaning}), got shape {made.shape}")
-    return made
 
 
 def selection(name: str, given: Any, allowed: tuple[str, ...]) -> tuple[str, ...]:

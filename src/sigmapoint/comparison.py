@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint import checks
+from sigmapoint import checks, data_checks
 from sigmapoint.accuracy import errors
 from sigmapoint.consistency import surprise
 from sigmapoint.filtering import filter, series_of
@@ -152,7 +152,7 @@ def compare(
         ['ekf', 'ukf']
     """
     y, u = series_of(model, y, u)
-    states = None if truth is None else checks.truth(truth, (y.shape[0], *model.initial.mean.shape))
+    states = None if truth is None else data_checks.truth(truth, (y.shape[0], *model.initial.mean.shape))
     if methods is not None and not isinstance(methods, Mapping):
         raise ValueError(f"methods must be a dict of name to method, got {type(methods).__name__}")
     if methods is not None and not methods:

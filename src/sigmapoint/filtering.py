@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint import checks, series
+from sigmapoint import checks, data_checks, series
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.methods import Method, srcdkf
 from sigmapoint.model import StateSpaceModel
@@ -65,11 +65,11 @@ def prepared(model: StateSpaceModel, y: Any, u: Any, method: Method | None = Non
 def series_of(model: StateSpaceModel, y: Any, u: Any, longest: int | None = None) -> tuple[Array, Any]:
     """Measurements and inputs, checked against the model; `longest` where they hold several series."""
     checks.instance("model", model, StateSpaceModel)
-    y, u = checks.series(y, u, model.initial.mean.dtype)
+    y, u = data_checks.series(y, u, model.initial.mean.dtype)
     checks.space("observation_space", model.observation_space, y.shape[1])
     Labels.of(model, y.shape[1])
     T = y.shape[0] if longest is None else longest
-    checks.long_enough(T, process_noise=model.process_noise, observation_noise=model.observation_noise)
+    data_checks.long_enough(T, process_noise=model.process_noise, observation_noise=model.observation_noise)
     return y, u
 
 

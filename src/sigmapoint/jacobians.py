@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from sigmapoint import checks
+from sigmapoint import checks, function_checks
 
 
 def with_jacobian(name: str, function: Callable[..., Any], jacobian: Callable[..., Any] | None) -> Callable[..., Any]:
@@ -25,7 +25,9 @@ def with_jacobian(name: str, function: Callable[..., Any], jacobian: Callable[..
     def differentiated(x: Array, *rest: Any) -> Array:
         def slope(x: Array, *rest: Any) -> Array:
             shape = (value.shape[0], x.shape[0])
-            made = checks.returned(name, jacobian(x, *rest[:1]), shape, "one row for each element of the value")
+            made = function_checks.returned(
+                name, jacobian(x, *rest[:1]), shape, "one row for each element of the value"
+            )
             return made.astype(value.dtype)
 
         # What either function closes over (parameters being fitted) becomes arguments, to be differentiated too.

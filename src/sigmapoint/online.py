@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from sigmapoint import checks
+from sigmapoint import checks, data_checks
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import fitting
 from sigmapoint.methods import Method
@@ -109,7 +109,7 @@ class OnlineFilter:
     def step(self, state: FilterState, y: Any, u: Any = None) -> tuple[FilterState, Info, FilterState]:
         """Take in a measurement and go on to the next instant: `update`, then `predict`, in one call.
 
-        A call costs more than the arithmetic of a small model, so this is almost twice as fast as the two.
+        A call costs more than the arithmetic of a small model, so one is faster than two.
 
         Args:
             state: about the instant of `y`: the `ahead` of the step before, or from `init` or `predict`.
@@ -137,7 +137,7 @@ class OnlineFilter:
         return unwrapped(self._calls.step, self._arrays, *given, self._once(*given))
 
     def prepare(self, y: Any, u: Any = None) -> FilterState:
-        """Compile ahead of the first sample.
+        """Compile `update`, `predict` and `step` ahead of the first sample.
 
         Args:
             y: a measurement (m,) of the shape and type of those to come; its values are of no account.
@@ -166,11 +166,11 @@ class OnlineFilter:
             y = checks.array("y", y).astype(self._dtype)
         if y.ndim != 1:
             raise ValueError(f"y must be one measurement of shape (m,), got shape {y.shape}")
-        checks.measured(y)
+        data_checks.measured(y)
         return y
 
     def _inputs(self, u: Any) -> Any:
-        return u if u is None else checks.inputs(u, None, self._dtype)
+        return u if u is None else data_checks.inputs(u, None, self._dtype)
 
     def _once(self, *given: Any) -> Array | None:
         # A loop has no derivative backward, and under a transformation of the user's own there is no hurry.

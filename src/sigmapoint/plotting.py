@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from sigmapoint import checks
+from sigmapoint import checks, data_checks
 from sigmapoint.curves import broken, principal, wraps
 from sigmapoint.results import Posterior, field
 from sigmapoint.tables import instants
@@ -33,7 +33,7 @@ def plot_states(post: Posterior, time: Any = None, truth: Any = None) -> np.ndar
     T, n = mean.shape
     x = instants(time, T)
     space = post.labels.state_space
-    true = None if truth is None else principal(space, checks.truth(truth, mean.shape))
+    true = None if truth is None else principal(space, data_checks.truth(truth, mean.shape))
     drawn = min(n, SHOWN)
     figure, axes = plt.subplots(
         drawn, 1, sharex=True, squeeze=False, figsize=(8, 1.2 + 1.7 * drawn), layout="constrained"

@@ -22,8 +22,8 @@ OPTION = "xla_cpu_small_while_loop_byte_threshold"
 SMALL = 2**19
 """Bytes in all buffers of a loop, up to which it is compiled into one function.
 
-With twice as much, other programs suffer: loops over large arrays, which XLA spreads over the cores otherwise, took up
-to 1.9 times as long (`benchmarks/neighbours.py`).
+With twice as much, other programs suffer: loops over large arrays, which XLA spreads over the cores otherwise, took
+nearly twice as long (`benchmarks/neighbours.py`).
 """
 
 

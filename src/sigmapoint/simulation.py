@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint import checks
+from sigmapoint import checks, data_checks
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.methods import ekf
 from sigmapoint.model import StateSpaceModel
@@ -41,8 +41,8 @@ def simulate(
     """
     checks.instance("model", model, StateSpaceModel)
     T = checks.whole("T", T, 1)
-    u = checks.inputs(u, T, model.initial.mean.dtype)
-    checks.long_enough(T, process_noise=model.process_noise, observation_noise=model.observation_noise)
+    u = data_checks.inputs(u, T, model.initial.mean.dtype)
+    data_checks.long_enough(T, process_noise=model.process_noise, observation_noise=model.observation_noise)
     return unwrapped(_simulate, model, T, checks.key("key", key), u)
 
 

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from sigmapoint import checks
+from sigmapoint import function_checks
 from sigmapoint.belief import Belief, covariance
 from sigmapoint.carry import Functions, Points
 from sigmapoint.conditioning import Conditioned, condition
@@ -105,14 +105,14 @@ class Filter(NamedTuple):
         model, dtype = self.model, self.model.initial.mean.dtype
 
         def f(*args: Any) -> Array:
-            value = checks.called("dynamics", model.dynamics, *args)
-            return checks.returned("dynamics", value, model.initial.mean.shape, "the next state").astype(dtype)
+            value = function_checks.called("dynamics", model.dynamics, *args)
+            return function_checks.returned("dynamics", value, model.initial.mean.shape, "the next state").astype(dtype)
 
         def h(*args: Any) -> Array:
-            value = checks.called("observation", model.observation, *args)
+            value = function_checks.called("observation", model.observation, *args)
             if observed is not None:
-                checks.columns(observed[0], value)
-                value = checks.returned("observation", value, observed, "one element for each column of y")
+                function_checks.columns(observed[0], value)
+                value = function_checks.returned("observation", value, observed, "one element for each column of y")
                 size = jax.eval_shape(model.observation_space.residual, value, value).shape[0]
                 model.observation_noise.fits("observation_noise", size, "row of y")
             return jnp.asarray(value).astype(dtype)

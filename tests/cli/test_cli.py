@@ -32,6 +32,7 @@ model = sp.StateSpaceModel(
 )
 """
 FEW = "level [m],pump\n1.0,0.1\n,0.1\n1.2,0.2\n"
+KINDS = ("filter", "smoother", "gradient")
 FILES = {"estimates.parquet", "summary.json", "report.html"}
 
 
@@ -150,13 +151,34 @@ def test_bench_times_every_method_that_runs(files, tmp_path):
     assert "6000**1 points" in shown
     found = json.loads((tmp_path / "out" / "bench.json").read_text())
     times = found["rows"][0]
-    assert all(times[f"{kind} µs/row"] > 0 for kind in ("filter", "smoother", "gradient"))
+    assert all(times[f"{kind} µs/row"] > 0 for kind in KINDS)
     assert times["live p99 µs"] >= times["live µs"] > 0
     assert times["first call s"] > times["filter µs/row"] * 3e-6
-    assert [len(each) for each in found["us_per_row"].values()] == [2, 2, 2]
+    assert {kind: len(each) for kind, each in found["us_per_row"]["ekf"].items()} == dict.fromkeys(KINDS, 2)
     assert list(found["rows"][1]) == ["method", "note"]
     assert "no method could run" in message("bench", *files(), "--methods", "ghkf(6000)", "--out", tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+BOX = """
+import numpy as np, jax.numpy as jnp, sigmapoint as sp
+model = sp.StateSpaceModel(
+    sp.blackbox(lambda x, u: 0.9 * np.asarray(x)), lambda x, u: x, 0.1 * jnp.eye(1), jnp.eye(1),
+    sp.Gaussian(jnp.zeros(1), jnp.eye(1)),
+)
+measurements = ["level [m]"]
+"""
+
+
+def test_a_black_box_is_compared_and_timed_as_far_as_a_method_goes(files, tmp_path):
+    chosen = (*files(model=BOX), "--methods", "ekf,ukf", "--out", tmp_path / "out")
+    assert "no derivative" in invoke("compare", *chosen).stdout
+    assert set(pd.read_parquet(tmp_path / "out" / "estimates.parquet")["method"]) == {"ukf"}
+    assert "no derivative" in invoke("bench", *chosen, "--repetitions", 1).stdout
+    ekf, ukf = json.loads((tmp_path / "out" / "bench.json").read_text())["rows"]
+    assert list(ekf) == ["method", "note"]
+    assert {"filter µs/row", "smoother µs/row"} <= set(ukf)
+    assert "gradient µs/row" not in ukf
 
 
 def test_programs_are_kept_between_runs_in_the_cache_folder_of_the_user(files, tmp_path):
@@ -176,6 +198,10 @@ def test_programs_are_kept_between_runs_in_the_cache_folder_of_the_user(files, t
     second, later = ran()
     assert later == programs
     pd.testing.assert_frame_equal(first, second, check_exact=True)
+    (tmp_path / "a file").touch()
+    environment["XDG_CACHE_HOME"] = str(tmp_path / "a file")  # where no folder can be, nothing is kept, nor said
+    third, _ = ran()
+    pd.testing.assert_frame_equal(first, third, check_exact=True)
 
 
 def test_demo_with_two_methods(tmp_path):

@@ -1,9 +1,8 @@
 """`sigmapoint bench MODEL.py DATA`: how long each method takes on a model of one's own."""
 
 import dataclasses
-import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,22 +16,21 @@ from sigmapoint.cli import modelfile, output
 from sigmapoint.cli.doctor import examined
 from sigmapoint.cli.errors import InputError, blaming, folder, guarded
 from sigmapoint.cli.expressions import parse_methods
-from sigmapoint.cli.run import Data, Debug, Float32, Model, Out
-from sigmapoint.comparison import STANDARD
+from sigmapoint.cli.run import ALL_METHODS, Data, Debug, Float32, Methods, Model, Out
 from sigmapoint.methods import Method
 
 KEEP = ("mean", "std")
 LIVE = 1000
 """Rows fed to the live filter, at most."""
 
+Runs = dict[str, Callable[[], Any]]
+
 
 @guarded
 def bench(
     model: Model,
     data: Data,
-    methods: Annotated[
-        str, typer.Option(help="Methods with commas between, like ekf,srukf,'ukf(alpha=1e-3)'.")
-    ] = ",".join(STANDARD),
+    methods: Methods = ALL_METHODS,
     repetitions: Annotated[int, typer.Option(min=1, help="Runs of each method; the median counts.")] = 7,
     out: Out = Path("sigmapoint-bench"),
     float32: Float32 = False,
@@ -47,39 +45,55 @@ def bench(
     jax.config.update("jax_enable_compilation_cache", False)  # the first call is to be one
     chosen, folder_out = parse_methods(methods), folder(out)
     problem = modelfile.load(model, data)
-    rows: dict[str, dict[str, Any]] = {name: {"method": name} for name in chosen}
-    runs: dict[str, dict[str, Callable[[], Any]]] = {}
+    rows: list[dict[str, Any]] = []
+    runs: dict[str, Runs] = {}
     with output.progress(len(chosen) + repetitions) as each, blaming(model):
         for name, method in chosen.items():
             each(f"{name}, compiling")
-            try:
-                runs[name] = _runs(problem, method)
-                rows[name]["first call s"] = _seconds(runs[name]["filter"])
-                rows[name] |= _live(problem, method)
-                for run in runs[name].values():
-                    run()
-            except ValueError as error:
-                runs.pop(name, None)
-                rows[name] = {"method": name, "note": str(error)}
-        if not runs:
-            raise InputError(f"no method could run; {next(iter(chosen))}: {rows[next(iter(chosen))]['note']}")
-        times: dict[tuple[str, str], list[float]] = {(name, kind): [] for name in runs for kind in runs[name]}
-        for k in range(repetitions):
-            each(f"run {k + 1} of {repetitions}")
-            for name, kind in times:
-                times[name, kind].append(_seconds(runs[name][kind]) / len(problem.y) * 1e6)
-    for (name, kind), found in times.items():
-        rows[name] |= {f"{kind} µs/row": float(np.median(found))}
+            row, runs[name] = _first(problem, name, method)
+            rows.append(row)
+        if not any(runs.values()):
+            raise InputError(f"no method could run; {rows[0]['method']}: {rows[0]['note']}")
+        times = _in_turn(problem, runs, repetitions, each)
+    for row in rows:
+        own = times[row["method"]]
+        row |= {f"{kind} µs/row": float(np.median(found)) for kind, found in own.items()}
     title = f"{model.stem}: {len(problem.y)} rows, {problem.model.initial.mean.shape[0]} states"
-    details = {f"{name} {kind}": found for (name, kind), found in times.items()}
-    content = {"rows": list(rows.values()), "us_per_row": details, "system": examined(), "load": os.getloadavg()}
+    content = {"rows": rows, "us_per_row": times, "system": examined()}
     paths = output.write_all(folder_out, {"bench.json": output.json_file(content)})
     console = Console()
-    console.print(output.table(title, [{k: v for k, v in row.items() if k != "note"} for row in rows.values()]))
-    for row in rows.values():
-        if "note" in row:
-            console.print(f"{row['method']}: {row['note']}", markup=False, highlight=False)
+    output.noted(console, title, rows)
     output.written(console, paths)
+
+
+def _first(problem: modelfile.Problem, name: str, method: Method) -> tuple[dict[str, Any], Runs]:
+    """Everything once: what the first call and the live filter took, and what is to be timed of what worked."""
+    row: dict[str, Any] = {"method": name, "note": ""}
+    runs = _runs(problem, method)
+    try:
+        row |= {"first call s": _seconds(runs["filter"]), **_live(problem, method)}
+    except ValueError as error:
+        return row | {"note": str(error)}, {}
+    for kind in ("smoother", "gradient"):
+        try:
+            runs[kind]()
+        except ValueError as error:
+            del runs[kind]
+            row["note"] = f"no {kind}: {error}"
+    return row, runs
+
+
+def _in_turn(
+    problem: modelfile.Problem, runs: Mapping[str, Runs], repetitions: int, each: Callable[[str], None]
+) -> dict[str, dict[str, list[float]]]:
+    """Microseconds a row of every run of every method."""
+    times: dict[str, dict[str, list[float]]] = {name: {kind: [] for kind in own} for name, own in runs.items()}
+    for k in range(repetitions):
+        each(f"run {k + 1} of {repetitions}")
+        for name, own in runs.items():
+            for kind, run in own.items():
+                times[name][kind].append(_seconds(run) / len(problem.y) * 1e6)
+    return times
 
 
 def _seconds(run: Callable[[], Any]) -> float:
@@ -88,7 +102,7 @@ def _seconds(run: Callable[[], Any]) -> float:
     return time.perf_counter() - begin
 
 
-def _runs(problem: modelfile.Problem, method: Method) -> dict[str, Callable[[], Any]]:
+def _runs(problem: modelfile.Problem, method: Method) -> Runs:
     """What is timed over the whole series, by name."""
     model, y, u = problem.model, problem.y, problem.u
     initial = model.initial

@@ -2,17 +2,16 @@
 
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.console import Console
 
 from sigmapoint.cli import modelfile, output
 from sigmapoint.cli.data import Clock
 from sigmapoint.cli.errors import InputError, blaming, folder, guarded
 from sigmapoint.cli.expressions import parse_methods
-from sigmapoint.cli.run import Data, Debug, Float32, Model, Out, Smooth, frame_of
-from sigmapoint.comparison import STANDARD, Comparison, Row
+from sigmapoint.cli.run import ALL_METHODS, Data, Debug, Float32, Methods, Model, Out, Smooth, frame_of
+from sigmapoint.comparison import Comparison, Row
 from sigmapoint.comparison import compare as compared
 
 HEADINGS = {
@@ -28,9 +27,7 @@ HEADINGS = {
 def compare(
     model: Model,
     data: Data,
-    methods: Annotated[
-        str, typer.Option(help="Methods with commas between, like ekf,srukf,'ukf(alpha=1e-3)'.")
-    ] = ",".join(STANDARD),
+    methods: Methods = ALL_METHODS,
     smooth: Smooth = False,
     out: Out = Path("sigmapoint-compare"),
     float32: Float32 = False,
@@ -73,10 +70,7 @@ def compare(
     }
     paths = output.write_all(folder_out, files)
     console = Console()
-    console.print(output.table(title, [{k: v for k, v in row.items() if k != "note"} for row in rows]))
-    for row in rows:
-        if row["note"]:
-            console.print(f"{row['method']}: {row['note']}", markup=False, highlight=False)
+    output.noted(console, title, rows)
     output.written(console, paths)
 
 

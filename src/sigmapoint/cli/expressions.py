@@ -6,13 +6,12 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-from sigmapoint import methods
 from sigmapoint.cli.errors import InputError
-from sigmapoint.methods import Method
+from sigmapoint.methods import METHODS, Method
+from sigmapoint.variants import VARIANTS
 
-PLAIN = tuple(methods.METHODS)
-AROUND = ("iterated", "augmented", "extended_set")
-"""Names whose first argument is a method."""
+PLAIN, AROUND = tuple(METHODS), tuple(VARIANTS)
+"""The first argument of those `AROUND` is a method."""
 
 
 def parse_method(text: str) -> Method:
@@ -69,7 +68,7 @@ def _method(tree: ast.expr, text: str) -> Method:
     if any(keyword.arg is None for keyword in call.keywords):
         raise InputError(f"method {_short(text)!r}: ** is not allowed")
     keywords = {str(k.arg): _number(k.value, text) for k in call.keywords}
-    return _called(name, getattr(methods, name), positional, keywords)
+    return _called(name, (METHODS | VARIANTS)[name], positional, keywords)
 
 
 def _called(name: str, function: Callable[..., Method], positional: list[Any], keywords: dict[str, Any]) -> Method:

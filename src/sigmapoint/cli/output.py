@@ -112,6 +112,14 @@ def table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     return made
 
 
+def noted(console: Console, title: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Print the rows of methods as a table, and their notes below it."""
+    console.print(table(title, [{k: v for k, v in row.items() if k != "note"} for row in rows]))
+    for row in rows:
+        if row.get("note"):
+            console.print(f"{row['method']}: {row['note']}", markup=False, highlight=False)
+
+
 def written(console: Console, files: Sequence[Path]) -> None:
     """Say where the files are."""
     for path in files:

@@ -15,6 +15,7 @@ from sigmapoint.cli import modelfile, output
 from sigmapoint.cli.data import Clock
 from sigmapoint.cli.errors import blaming, folder, guarded
 from sigmapoint.cli.expressions import parse_method
+from sigmapoint.comparison import STANDARD
 from sigmapoint.results import Posterior, field
 
 Model = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Has `model` or `build(u, time)`, and `measurements`.")]
@@ -22,6 +23,8 @@ Data = Annotated[Path, typer.Argument(metavar="DATA", help="Logged data: .csv, .
 Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if it is not there.")]
 Float32 = Annotated[bool, typer.Option("--float32", help="Compute in 32-bit numbers in place of 64-bit.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+ALL_METHODS = ",".join(STANDARD)
+Methods = Annotated[str, typer.Option(help="Methods with commas between, like ekf,srukf,'ukf(alpha=1e-3)'.")]
 Smooth = Annotated[bool, typer.Option("--smooth", help="Each state from all measurements, past and future.")]
 
 

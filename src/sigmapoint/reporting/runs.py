@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from sigmapoint import checks
+from sigmapoint import data_checks
 from sigmapoint.accuracy import Coverage, errors
 from sigmapoint.consistency import normalised
 from sigmapoint.curves import principal
@@ -95,7 +95,7 @@ def runs_of(result: Posterior | Mapping[str, Posterior], x: np.ndarray, axis: st
     for name, post in posts.items():
         if post.y.shape != first.y.shape or post.labels != first.labels:
             raise ValueError(f"result {name!r} is of another series or model than the first; make one report for each")
-    true = None if truth is None else checks.truth(truth, (first.y.shape[0], len(labels.states)))
+    true = None if truth is None else data_checks.truth(truth, (first.y.shape[0], len(labels.states)))
     each = [_run(i, name, post, true, 0.18 / len(posts) ** 0.5) for i, (name, post) in enumerate(posts.items())]
     shown = None if true is None else principal(labels.state_space, true)
     return Runs(each, labels, principal(labels.observation_space, host(first.y)), x, axis, shown)
