@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from figures import drawn
+from figures import NAMES, drawn
 from problems import measurements
 
 HERE = Path(__file__).parent
@@ -140,11 +140,13 @@ def measured(case: Case, contenders: dict[str, Contender], folder: Path, repetit
 
 def table(rows: list[dict[str, Any]]) -> str:
     """What was measured, as Markdown: medians, and each time as a multiple of our own of the same kind."""
-    lines = ["| problem | rows | library | method | µs a step | times ours | difference | first call, s |"]
+    lines = ["| problem | rows | library | method | µs a step | × ours | difference | first, s |"]
     lines.append("|---|---|---|---|---|---|---|---|")
     for row in rows:
         size = f"{row['rows']:,}" if row["series"] == 1 else f"{row['series']:,} × {row['rows']}"
-        head = f"| {row['task']} {row['problem']} | {size} | {row['contender']} | {row['method']} |"
+        task = "" if row["task"] == "filter" else f", {row['task']}"
+        library = NAMES.get(row["contender"], row["contender"])
+        head = f"| {row['problem']}{task} | {size} | {library} | {row['method']} |"
         if "error" in row:
             lines.append(f"{head} {row['error'][:60]} | | | |")
             continue
@@ -157,6 +159,13 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
+ABOVE = """# All benchmark numbers
+
+Medians of the repetitions. *× ours*: beside our `ukf`, or our `srekf` for extended filters, in the same run.
+*Difference*: the largest difference of a mean from that of ours, over the standard deviation of these means in time (a
+central difference filter is another filter, and differs). *First*: seconds of the first call, with compilation.
+
+"""
 ALIKE = ("part", "task", "problem", "rows", "series")
 
 
@@ -207,7 +216,7 @@ def main() -> None:
                     print(table(rows[-sum(map(len, case.entrants.values())) :]), flush=True)
         for contender in contenders.values():
             contender.close()
-    (chosen.out / "table.md").write_text("# All benchmark numbers\n\n" + table(rows))
+    (chosen.out / "table.md").write_text(ABOVE + table(rows))
     if importlib.util.find_spec("matplotlib"):
         drawn(rows, chosen.out)
 
