@@ -7,7 +7,6 @@ The turn of `problems.py` throughout. Writes own.json into the folder `--out`, a
 
 import argparse
 import os
-import resource
 import tempfile
 import time
 from collections.abc import Callable
@@ -91,7 +90,9 @@ def memory() -> float:
     """In a process of its own: peak memory of a million rows, in MB."""
     post = sp.filter(model(), turn_measurements(1_000_000), method=sp.ukf(), keep=KEEP)
     jax.block_until_ready(post.std)
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    # (`getrusage` would count what the process that started this one had.)
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM"))
 
 
 def process(name: str, cores: int = 0, **environment: str) -> tuple[float, float]:
