@@ -88,7 +88,7 @@ def batch(
     rows = _concatenated(y, u) if ragged else _flattened(y, u)
     method, B = fitting(model, method), len(rows.lengths)
     flat_y, flat_u = series_of(model, rows.y, rows.u, int(rows.lengths.max()))
-    if not checks.known(flat_y):
+    if not all(map(checks.known, jax.tree.leaves((model, flat_y, flat_u)))):
         y, u = _split((flat_y, flat_u), B)
         return Posterior.of(model, y, u, _together(model, y, u, jnp.asarray(rows.lengths), method, estimator, keep))
     rows = Ragged(np.asarray(flat_y), jax.tree.map(np.asarray, flat_u), rows.starts, rows.lengths)

@@ -1,24 +1,29 @@
-"""Small matrix products in a user's function, rewritten: people write `A @ x`, and it is part of the native loop."""
+"""A user's function, rewritten: people write `A @ x` and `jnp.sin`, and both are part of the native loop.
+
+Small matrix products become sums (`native.product`), circular functions what vectorises (`elementary`).
+"""
 
 from collections.abc import Callable
 from typing import Any
 
 import jax
+import numpy as np
 from jax.extend import core
 from jaxtyping import Array
 
+from sigmapoint.elementary import VECTORISED
 from sigmapoint.native import product
 from sigmapoint.runtime import NATIVE
 
 
 def folded(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same function with its small matrix products as sums (those outside of loops and branches of its own)."""
+    """The same function in the forms that loops run fast with (outside of loops and branches of its own)."""
     if not NATIVE:
         return function
 
     def run(*args: Any) -> Any:
         closed, shape = jax.make_jaxpr(function, return_shape=True)(*args)
-        if not _has_products(closed.jaxpr):
+        if not _rewritable(closed.jaxpr):
             return function(*args)
         values = _evaluate(closed.jaxpr, closed.consts, jax.tree.leaves(args))
         return jax.tree.unflatten(jax.tree.structure(shape), values)
@@ -26,9 +31,9 @@ def folded(function: Callable[..., Any]) -> Callable[..., Any]:
     return run
 
 
-def _has_products(jaxpr: Any) -> bool:
+def _rewritable(jaxpr: Any) -> bool:
     return any(
-        _has_products(eqn.params["jaxpr"].jaxpr) if eqn.primitive.name == "jit" else eqn.primitive.name == "dot_general"
+        _rewritable(eqn.params["jaxpr"].jaxpr) if eqn.primitive.name == "jit" else _foldable(eqn) or _vectorisable(eqn)
         for eqn in jaxpr.eqns
     )
 
@@ -44,8 +49,10 @@ def _evaluate(jaxpr: Any, consts: Any, args: Any) -> list[Any]:
         if eqn.primitive.name == "jit":
             inner = eqn.params["jaxpr"]
             results = _evaluate(inner.jaxpr, inner.consts, operands)
-        elif eqn.primitive.name == "dot_general" and _foldable(eqn):
+        elif _foldable(eqn):
             results = [_summed(*operands, *eqn.params["dimension_numbers"][0])]
+        elif _vectorisable(eqn):
+            results = [VECTORISED[eqn.primitive](*operands)]
         else:
             results = eqn.primitive.bind(*operands, **eqn.primitive.get_bind_params(eqn.params))
             results = results if eqn.primitive.multiple_results else [results]
@@ -54,10 +61,16 @@ def _evaluate(jaxpr: Any, consts: Any, args: Any) -> list[Any]:
 
 
 def _foldable(eqn: Any) -> bool:
+    if eqn.primitive.name != "dot_general":
+        return False
     contracted, batch = eqn.params["dimension_numbers"]
     a, b, result = (v.aval for v in (*eqn.invars, *eqn.outvars))
     simple = batch == ((), ()) and len(contracted[0]) == 1 and max(a.ndim, b.ndim) <= 2
     return simple and a.dtype == b.dtype == result.dtype
+
+
+def _vectorisable(eqn: Any) -> bool:
+    return eqn.primitive in VECTORISED and all(v.aval.dtype == np.float64 for v in eqn.invars)
 
 
 def _summed(a: Array, b: Array, left: tuple[int, ...], right: tuple[int, ...]) -> Array:
