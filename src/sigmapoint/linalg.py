@@ -15,12 +15,14 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from sigmapoint.native import materialized, product, small
+from sigmapoint.native import gram, materialized, product, small
 
-UNROLLED = 8
-"""Up to this size a loop over rows is written out: each then handles only what is left."""
+UNROLLED = 5
+"""Up to this size Gram-Schmidt is written out, and takes no longer than by a Cholesky factor."""
+PRODUCTS = 64
+"""From this size on a library's products take less time than its reflections."""
 
 
 def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
@@ -167,17 +169,48 @@ def _change(L: Array, Q: Array, dA: Array, dknown: Array) -> Array:
 
 
 def _orthogonalized(A: Float[Array, "n k"], many: bool) -> tuple[Float[Array, "n n"], Float[Array, "n k"]]:
-    """`L` and `Q` with `A = L Q`, by Gram-Schmidt, three times for every row.
-
-    Round-off in a row is relative to each of its elements, so what the first pass leaves of large columns lies along
-    the rows before, and the second pass takes it out: accurate row by row, also where columns differ by many orders of
-    magnitude. (Giraud, Langou & Rozložník 2005: twice is enough.) The third tells a row that depends on those before.
-    """
-    n, k = A.shape
-    if many or (small(n) and n > UNROLLED):
+    """`L` and `Q` with `A = L Q`."""
+    n = A.shape[0]
+    if many:
         return _row_by_row(A)
-    if not small(n):
-        return _by_reflections(A)
+    if n <= UNROLLED and small(n):
+        return _written_out(A)
+    surely = _row_by_row if small(n) else _by_reflections
+    if not small(n) and n < PRODUCTS:
+        return surely(A)
+    L, Q, good = _by_cholesky(A)
+    return jax.lax.cond(good, lambda A: (L, Q), surely, A)
+
+
+def _by_cholesky(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[Array, "n k"], Bool[Array, ""]]:
+    """The same by the factor of `A Aᵀ`, and whether it is as good as by orthogonal transformations.
+
+    What the factor has lost shows in `E = Q Qᵀ − I`, and is put back to second order (after the repeated Cholesky QR
+    of Yamamoto, Nakatsukasa, Yanagisawa & Fukaya 2015): where E is small enough for that, nothing is left of it.
+    """
+    n = A.shape[0]
+    P = gram(A.T)
+    there = jnp.diagonal(P) != 0
+    P = jnp.where(jnp.diag(~there), 1.0, P)
+    L = _left_looking(P) if small(n) else jnp.linalg.cholesky(P, symmetrize_input=False)
+    Q = solve_lower(L, A)
+    E = gram(Q.T) - jnp.diag(there.astype(A.dtype))
+    H = _half(E)
+    change = materialized(H - _half(gram(H.T)))
+    L = jnp.where(there[:, None], jnp.tril(L + product(L, change)), 0.0)
+    # (Not by the largest element: XLA's maximum passes over NaN.)
+    good = (jnp.abs(E) < jnp.finfo(A.dtype).eps ** (1 / 3)).all()
+    return L, Q - product(change, Q - product(change, Q)), good
+
+
+def _half(S: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """The lower triangular `H` with `H + Hᵀ = S`."""
+    return jnp.tril(S) - jnp.diag(jnp.diagonal(S) / 2)
+
+
+def _written_out(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[Array, "n k"]]:
+    """As `_row_by_row`, without a loop: each row then meets those before it only."""
+    n, k = A.shape
     rows, taken = [], jnp.zeros((0, k), A.dtype)
     for j in range(n):
         along, pivot, row = _projected(A[j], taken)
@@ -187,6 +220,12 @@ def _orthogonalized(A: Float[Array, "n k"], many: bool) -> tuple[Float[Array, "n
 
 
 def _row_by_row(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[Array, "n k"]]:
+    """The same by Gram-Schmidt, three times for every row.
+
+    Round-off in a row is relative to each of its elements, so what the first pass leaves of large columns lies along
+    the rows before, and the second pass takes it out: accurate row by row, also where columns differ by many orders of
+    magnitude. (Giraud, Langou & Rozložník 2005: twice is enough.) The third tells a row that depends on those before.
+    """
     n = A.shape[0]
 
     def take(carry: tuple[Array, Array], j: Array) -> tuple[tuple[Array, Array], None]:

@@ -17,6 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend import core
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, Float
@@ -80,19 +81,20 @@ def looped(step: Callable[..., tuple[Any, Any]], state: Any, once: Array | None,
 
 
 def materialized(*arrays: Array) -> Any:
-    """The arrays, computed once: they are not fused into what uses them. Several together cost less than one by one."""
-    if NATIVE and any(x.size > 1 and not isinstance(x, np.ndarray) for x in arrays):
+    """The arrays, computed once where they are small: they are not fused into what uses them.
+
+    Several together cost less than one by one.
+    """
+    computed = any(x.size > 1 and not isinstance(x, np.ndarray) for x in arrays)
+    if NATIVE and computed and max(x.size for x in arrays) <= 4 * LARGEST**2:
         arrays = tuple(_materialized_p.bind(*arrays))
     return arrays[0] if len(arrays) == 1 else arrays
 
 
 def _kept(*arrays: Any) -> Any:
-    # A branch that no finite number takes; the compiler does not know that, and has to keep the values.
-    first = next((x for x in arrays if x.size), None)  # an axis under vmap may be empty
-    if first is None:
-        return arrays
-    never = jnp.ravel(first)[0] > jnp.inf
-    return jax.lax.cond(never, lambda *xs: tuple(x + x for x in xs), lambda *xs: xs, *arrays)
+    # Into a call, which it may not write out in its place, the compiler fuses nothing.
+    with set_xla_metadata(inlineable="false"):
+        return jax.jit(lambda *xs: xs)(*arrays)
 
 
 def _batched(arrays: Any, axes: Any) -> tuple[Any, Any]:

@@ -70,7 +70,7 @@ def _chunks(T: int, step: Any, start: Any, rows: Any, real: Array | None) -> tup
         return 1, T
     one = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), rows)
     each = max(_bytes(one) + sum(map(_bytes, jax.eval_shape(step, start, one))), 1)
-    least = max(-(-T * each * 2 // SMALL), 1 if real is None else -(-T // SKIPPED))
+    least = max(-(-T * each * 8 // SMALL), 1 if real is None else -(-T // SKIPPED))
     if not 1 < least < T:
         return 1, T
     size = -(-T // next((chunks for chunks in range(least, 2 * least + 1) if T % chunks == 0), least))
