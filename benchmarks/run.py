@@ -129,7 +129,9 @@ def measured(case: Case, contenders: dict[str, Contender], folder: Path, repetit
     for (name, method), at in means.items():
         reference = means.get(("sigmapoint", "srekf" if method.endswith("ekf") else "ukf"))
         if reference is not None:
-            scale = reference.std(axis=tuple(range(reference.ndim - 1)))
+            others = tuple(range(reference.ndim - 1))
+            std = reference.std(axis=others)
+            scale = np.where(std > 0, std, np.abs(reference).max(axis=others))
             found[name, method]["difference"] = float(np.max(np.abs(at - reference) / scale))
     kept = {"part": case.part, "task": case.task, "problem": case.problem, "rows": case.rows, "series": case.series}
     return [
@@ -154,7 +156,7 @@ def table(rows: list[dict[str, Any]]) -> str:
         ours = [r for r in ours if "error" not in r]
         same = [r for r in ours if r["method"] == _family(row["method"])] or ours
         ratio = f"{time(row) / time(same[0]):.2f}" if same else ""
-        difference = f"{row['difference']:.0e}" if "difference" in row else ""
+        difference = _compared(row["difference"]) if "difference" in row else ""
         lines.append(f"{head} {time(row):.3g} | {ratio} | {difference} | {row['first_s']:.1f} |")
     return "\n".join(lines) + "\n"
 
@@ -162,11 +164,16 @@ def table(rows: list[dict[str, Any]]) -> str:
 ABOVE = """# All benchmark numbers
 
 Medians of the repetitions. *× ours*: beside our `ukf`, or our `srekf` for extended filters, in the same run.
-*Difference*: the largest difference of a mean from that of ours, over the standard deviation of these means in time (a
+*Difference*: the largest difference of a mean from that of ours, over the standard deviation of these means in time, or
+over their size where they do not move (a
 central difference filter is another filter, and differs). *First*: seconds of the first call, with compilation.
 
 """
 ALIKE = ("part", "task", "problem", "rows", "series")
+
+
+def _compared(difference: float) -> str:
+    return f"{difference:.0e}" if difference <= SAME else f"**another filter: {difference:.0e}**"
 
 
 def _family(method: str) -> str:
