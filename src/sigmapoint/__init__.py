@@ -8,6 +8,10 @@ from sigmapoint.blackbox import blackbox
 from sigmapoint.comparison import Comparison, compare
 from sigmapoint.diagnostics import diagnose
 from sigmapoint.filtering import filter
+from sigmapoint.learning.drift import annealed, fixed, forgetting, on_diagonal, robbins_monro
+from sigmapoint.learning.learner import Learner, LearnerInfo, LearnerState, Prediction, learner
+from sigmapoint.learning.measurement_noise import learned_noise
+from sigmapoint.learning.training import Fit, History, Progress, learn
 from sigmapoint.methods import (
     Method,
     cdkf,
@@ -35,7 +39,7 @@ from sigmapoint.smoothing import rts, smooth
 from sigmapoint.spaces import Manifold, angles
 from sigmapoint.step import FilterState, Info
 from sigmapoint.storage import load, save
-from sigmapoint.variants import augmented, extended_set, iterated
+from sigmapoint.variants import at_mean, augmented, extended_set, iterated
 
 if TYPE_CHECKING:
     from sigmapoint.reporting import report
@@ -56,15 +60,24 @@ __all__ = [
     "Additive",
     "Comparison",
     "FilterState",
+    "Fit",
     "Gaussian",
+    "History",
     "Info",
+    "Learner",
+    "LearnerInfo",
+    "LearnerState",
     "Manifold",
     "Method",
     "NonAdditive",
     "OnlineFilter",
     "Posterior",
+    "Prediction",
+    "Progress",
     "StateSpaceModel",
     "angles",
+    "annealed",
+    "at_mean",
     "augmented",
     "batch",
     "blackbox",
@@ -75,13 +88,20 @@ __all__ = [
     "ekf",
     "extended_set",
     "filter",
+    "fixed",
+    "forgetting",
     "ghkf",
     "ipls",
     "iterated",
     "julier_ukf",
+    "learn",
+    "learned_noise",
+    "learner",
     "load",
+    "on_diagonal",
     "online",
     "report",
+    "robbins_monro",
     "rts",
     "save",
     "simplex_ukf",

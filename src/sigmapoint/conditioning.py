@@ -25,7 +25,8 @@ from jaxtyping import Array, Bool, Float
 from sigmapoint.belief import Belief, Spread
 from sigmapoint.linalg import one_where_zero, safe_sqrt
 from sigmapoint.native import LARGEST, materialized, small
-from sigmapoint.rules.linearization import ROUND_OFF, Linearization
+from sigmapoint.rules.linearization import Linearization
+from sigmapoint.rules.point_sets import ROUND_OFF
 
 UNROLLED = 4
 """Up to so many elements are taken in without a loop: each then handles only what is left."""

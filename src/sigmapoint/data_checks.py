@@ -49,11 +49,11 @@ def long_enough(T: int, **noises: Any) -> None:
                 raise ValueError(f"{name} is given for {part.shape[0]} instants, but y has {T} rows")
 
 
-def inputs(u: Any, T: int | None, dtype: Any) -> Any:
+def inputs(u: Any, T: int | None, dtype: Any, called: str = "u", rows_of: str = "y") -> Any:
     """Every leaf an array with leading axis T (any shape where T is None), floating ones in `dtype` and without NaN."""
 
     def leaf(path: Any, value: Any) -> Array | np.ndarray:
-        name = "u" + jax.tree_util.keystr(path)
+        name = called + jax.tree_util.keystr(path)
         checks.unmasked(name, value)
         try:
             # One input of a live filter stays with NumPy: JAX would take longer for it than for the step.
@@ -64,7 +64,7 @@ def inputs(u: Any, T: int | None, dtype: Any) -> Any:
             got = type(value).__name__ if kind is None else f"an array of {kind}"
             raise ValueError(f"{name} must be an array of numbers, got {got}") from error
         if T is not None and (made.ndim == 0 or made.shape[0] != T):
-            raise ValueError(f"{name} must have one row for each of the {T} rows of y, got shape {made.shape}")
+            raise ValueError(f"{name} must have one row for each of the {T} rows of {rows_of}, got shape {made.shape}")
         if jnp.issubdtype(made.dtype, jnp.floating):
             checks.finite(name, made, "Inputs must be known: interpolate them, or hold the last value")
             made = made.astype(dtype)

@@ -80,9 +80,8 @@ def fitting(model: StateSpaceModel, method: Method | None) -> Method:
     checks.instance("method", method, Method)
     if isinstance(method.rule, SigmaPointRule):
         constants = method.rule.constants(model.initial.cov.shape[-1])
-        checks.digits(float(abs(constants.mean[0])), model.initial.mean.dtype)
-        reach = float(abs(constants.points).max())
-        checks.room(model.initial, reach, model.state_space, model.state_names)
+        checks.digits(abs(constants.centre), model.initial.mean.dtype)
+        checks.room(model.initial, constants.reach, model.state_space, model.state_names)
     return method
 
 

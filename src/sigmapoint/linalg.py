@@ -146,14 +146,14 @@ def tria(
 @partial(jax.custom_jvp, nondiff_argnums=(2,))
 def _tria(A: Array, known: Array, many: bool) -> Array:
     del known
-    return _orthogonalized(A, many)[0]
+    return orthogonalized(A, many=many)[0]
 
 
 @_tria.defjvp
 def _tria_jvp(many: bool, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
     (A, known), (dA, dknown) = primals, tangents
     fixed, fixed_known = jax.lax.stop_gradient((A, known))
-    L, Q = _orthogonalized(fixed, many)
+    L, Q = orthogonalized(fixed, many=many)
     # For second derivatives: both again, the same in value, as functions of A and of `known`.
     L = L + _change(L, Q, A - fixed, known - fixed_known)
     rows = _resolved(L, A)
@@ -168,8 +168,8 @@ def _change(L: Array, Q: Array, dA: Array, dknown: Array) -> Array:
     return jnp.tril(B - product(L, K - K.T))
 
 
-def _orthogonalized(A: Float[Array, "n k"], many: bool) -> tuple[Float[Array, "n n"], Float[Array, "n k"]]:
-    """`L` and `Q` with `A = L Q`."""
+def orthogonalized(A: Float[Array, "n k"], *, many: bool = False) -> tuple[Float[Array, "n n"], Float[Array, "n k"]]:
+    """`L` and `Q` with `A = L Q`: `L` as in `tria`, the rows of `Q` orthonormal (zero where those of `L` are)."""
     n = A.shape[0]
     if many:
         return _row_by_row(A)

@@ -6,7 +6,9 @@ from dataclasses import replace
 from sigmapoint import checks
 from sigmapoint.carry import Augmented, Carry, ExtendedSet, Redraw
 from sigmapoint.methods import Method
+from sigmapoint.rules.at_mean import AtMean
 from sigmapoint.rules.linearization import SigmaPointRule
+from sigmapoint.rules.taylor import Taylor
 
 
 def iterated(method: Method, iterations: int = 3) -> Method:
@@ -92,3 +94,28 @@ def _carrying(method: Method, carry: Carry) -> Method:
 
 VARIANTS: dict[str, Callable[..., Method]] = {make.__name__: make for make in (iterated, augmented, extended_set)}
 """Each by its name, for the command line; the first argument is a method."""
+
+
+def at_mean(method: Method) -> Method:
+    """Predict by the value at the mean in place of the mean of the values (option 2 of parameter estimation).
+
+    All else stays: slopes, spread, the covariance of the innovation (Wan & van der Merwe 2001, section 7.4).
+
+    Args:
+        method: any method; an extended one predicts so already.
+
+    Returns:
+        The method, with such predictions.
+
+    Raises:
+        ValueError: not a method, or one that carries points.
+
+    Examples:
+        >>> import sigmapoint as sp
+        >>> sp.at_mean(sp.srukf()).rule.rule.alpha
+        1.0
+    """
+    checks.instance("method", method, Method)
+    if not isinstance(method.carry, Redraw):
+        raise ValueError("at_mean: the method must not be augmented or extended")
+    return method if isinstance(method.rule, Taylor) else replace(method, rule=AtMean(method.rule))

@@ -11,7 +11,8 @@ from laws.table import DENSE
 from sigmapoint.rules.central import CentralDifference
 from sigmapoint.rules.cubature import Cubature
 from sigmapoint.rules.hermite import GaussHermite
-from sigmapoint.rules.linearization import SigmaPointRule, from_weights
+from sigmapoint.rules.linearization import SigmaPointRule
+from sigmapoint.rules.point_sets import from_weights
 from sigmapoint.rules.simplex import Simplex
 from sigmapoint.rules.taylor import Taylor
 from sigmapoint.rules.unscented import Julier, Unscented

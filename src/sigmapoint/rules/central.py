@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sigmapoint.rules.linearization import SigmaPointRule, SigmaPoints, paired, symmetric_points
+from sigmapoint.rules.linearization import SigmaPointRule
+from sigmapoint.rules.point_sets import PointSet, SymmetricPoints
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,5 @@ class CentralDifference(SigmaPointRule):
                 f"h, the central difference interval, must be at least 1 (sqrt(3) is optimal), got {self.h}"
             )
 
-    def sigma_points(self, n: int) -> SigmaPoints:
-        weights = np.full(2 * n + 1, 0.5 / self.h**2)
-        weights[0] = 1 - n / self.h**2
-        return paired(symmetric_points(n, self.h), weights, np.sqrt(self.h**2 - 1) / self.h, 0.0)
+    def sigma_points(self, n: int) -> PointSet:
+        return SymmetricPoints(n, self.h, float(np.sqrt(self.h**2 - 1)) / self.h, 0.0)

@@ -6,7 +6,8 @@ centre is evaluated too, with weight zero, because differences are taken from it
 
 from dataclasses import dataclass
 
-from sigmapoint.rules.linearization import SigmaPointRule, SigmaPoints
+from sigmapoint.rules.linearization import SigmaPointRule
+from sigmapoint.rules.point_sets import PointSet
 from sigmapoint.rules.unscented import Unscented
 
 
@@ -14,5 +15,5 @@ from sigmapoint.rules.unscented import Unscented
 class Cubature(SigmaPointRule):
     """2n equally weighted points."""
 
-    def sigma_points(self, n: int) -> SigmaPoints:
+    def sigma_points(self, n: int) -> PointSet:
         return Unscented(1.0, 0.0, 0.0).sigma_points(n)

@@ -10,7 +10,8 @@ from itertools import product
 import numpy as np
 
 from sigmapoint import checks
-from sigmapoint.rules.linearization import SigmaPointRule, SigmaPoints, from_weights
+from sigmapoint.rules.linearization import SigmaPointRule
+from sigmapoint.rules.point_sets import PointSet, from_weights
 
 MOST_POINTS = 5_000
 
@@ -24,7 +25,7 @@ class GaussHermite(SigmaPointRule):
     def __post_init__(self) -> None:
         checks.whole("order", self.order, 2)
 
-    def sigma_points(self, n: int) -> SigmaPoints:
+    def sigma_points(self, n: int) -> PointSet:
         if self.order**n > MOST_POINTS:
             raise ValueError(
                 f"Gauss-Hermite of order {self.order} in {n} dimensions has {self.order}**{n} points, more than "

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sigmapoint.rules.linearization import SigmaPointRule, SigmaPoints, from_weights
+from sigmapoint.rules.linearization import SigmaPointRule
+from sigmapoint.rules.point_sets import PointSet, from_weights
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class Simplex(SigmaPointRule):
         if not self.alpha > 0:
             raise ValueError(f"alpha must be positive, got {self.alpha}")
 
-    def sigma_points(self, n: int) -> SigmaPoints:
+    def sigma_points(self, n: int) -> PointSet:
         spread2 = (n + 1) / (1 - self.w0)  # the coordinates of `_simplex` have mean square 1 / (n + 1)
         points = np.concatenate([np.zeros((1, n)), self.alpha * np.sqrt(spread2) * _simplex(n)])
         weights = np.full(n + 2, 1 / (spread2 * self.alpha**2))

@@ -14,6 +14,9 @@ from jaxtyping import Array, Float
 from sigmapoint.rules.linearization import Linearization, magnitude
 from sigmapoint.spaces import Space
 
+MANY = 64
+"""With more columns than that, derivatives are taken backward."""
+
 
 @dataclass(frozen=True)
 class Taylor:
@@ -21,11 +24,13 @@ class Taylor:
 
     def __call__(self, g: Callable[[Array], Array], factor: Float[Array, "n N"], space: Space) -> Linearization:
         origin = jnp.zeros(factor.shape[0], factor.dtype)
+        if factor.shape[1] > MANY:
+            value, slope = _jacobian(g, origin, space)
+            return _linearized(value, slope @ factor)
         value, along = jax.linearize(g, origin)
         moved = jax.linearize(lambda v: space.residual(v, value), value)[1]
         slope = jax.vmap(lambda column: moved(along(column)), 1, 1)(factor)
-        scale = magnitude(value[None], slope.shape[0]) + jnp.sum(jnp.abs(slope), axis=1)
-        return Linearization(value, slope, slope[:, :0], scale, slope[:, :0])
+        return _linearized(value, slope)
 
     def about(
         self,
@@ -35,4 +40,18 @@ class Taylor:
         space: Space,
     ) -> Linearization:
         del factor  # a derivative at a point does not depend on the spread
+        if mean.shape[0] > MANY:
+            return _linearized(*_jacobian(lambda step: g(mean + step), jnp.zeros_like(mean), space))
         return self(lambda step: g(mean + step), jnp.eye(mean.shape[0], dtype=mean.dtype), space)
+
+
+def _jacobian(g: Callable[[Array], Array], origin: Array, space: Space) -> tuple[Array, Array]:
+    """Value and derivative, backward: one pass for each element of the value."""
+    value, back = jax.vjp(g, origin)
+    moved = jax.jacfwd(lambda v: space.residual(v, value))(value)
+    return value, jax.vmap(lambda row: back(row)[0])(moved)
+
+
+def _linearized(value: Array, slope: Array) -> Linearization:
+    scale = magnitude(value[None], slope.shape[0]) + jnp.sum(jnp.abs(slope), axis=1)
+    return Linearization(value, slope, slope[:, :0], scale, slope[:, :0])

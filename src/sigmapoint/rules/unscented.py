@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sigmapoint.rules.linearization import SigmaPointRule, SigmaPoints, paired, symmetric_points
+from sigmapoint.rules.linearization import SigmaPointRule
+from sigmapoint.rules.point_sets import PointSet, SymmetricPoints
 
 
 @dataclass(frozen=True)
@@ -28,12 +29,10 @@ class Unscented(SigmaPointRule):
         if self.kappa == 0:  # then the condition does not depend on the dimension, and is checked at once
             self.sigma_points(1)
 
-    def sigma_points(self, n: int) -> SigmaPoints:
+    def sigma_points(self, n: int) -> PointSet:
         if not n + self.kappa > 0:
             raise ValueError(f"kappa must be greater than -n; got kappa={self.kappa} in n={n} dimensions")
         spread2 = self.alpha**2 * (n + self.kappa)
-        weights = np.full(2 * n + 1, 0.5 / spread2)
-        weights[0] = 1 - n / spread2
         # Along Σ(D₊+D₋) the covariance is scaled by c² = 1 + (β − α²) s, s = Σ wᵢ: see `from_weights`.
         c2 = 1 + (self.beta - self.alpha**2) * n / spread2
         if c2 < -1e-12:
@@ -41,7 +40,7 @@ class Unscented(SigmaPointRule):
                 f"alpha={self.alpha}, beta={self.beta}, kappa={self.kappa} give a covariance that is not positive "
                 f"semi-definite in n={n} dimensions; beta >= alpha**2 (e.g. beta=2) works, and so does a larger kappa"
             )
-        return paired(symmetric_points(n, np.sqrt(spread2)), weights, 1.0, (np.sqrt(max(c2, 0.0)) - 1) / n)
+        return SymmetricPoints(n, float(np.sqrt(spread2)), 1.0, float(np.sqrt(max(c2, 0.0)) - 1) / n)
 
 
 @dataclass(frozen=True)
@@ -57,5 +56,5 @@ class Julier(SigmaPointRule):
                 "covariance; sp.ukf(alpha=1, beta=2, kappa=w0 * n / (1 - w0)) has the same points and cannot"
             )
 
-    def sigma_points(self, n: int) -> SigmaPoints:
+    def sigma_points(self, n: int) -> PointSet:
         return Unscented(1.0, 0.0, n * self.w0 / (1 - self.w0)).sigma_points(n)

@@ -1,0 +1,1 @@
+"""Parameters of any function from pairs of inputs and targets."""

@@ -1,0 +1,321 @@
+"""Training: many pairs, in epochs, with a validation set, progress, and checkpoints that survive anything."""
+
+import hashlib
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from sigmapoint import checks
+from sigmapoint.learning.drift import Drift
+from sigmapoint.learning.learner import Learner, LearnerState, learner, updated
+from sigmapoint.methods import Method
+from sigmapoint.storage import load, save
+
+WORK = 2e8
+"""Products in one call, about: between two calls there is time for progress, checkpoints and Ctrl-C."""
+LONGEST_CALL = 1000
+SAVED_EVERY = 30.0
+"""Seconds between checkpoints within an epoch."""
+
+
+class History(NamedTuple):
+    """What training looked like, epoch by epoch; every target was predicted before it was learned from."""
+
+    mse: Float[np.ndarray, " E"]
+    """mean squared innovation of an element, in squared units of the targets"""
+    nis: Float[np.ndarray, " E"]
+    """mean normalised innovation squared of an element [1]: about one where noise and drift are right"""
+    log_likelihood: Float[np.ndarray, " E"]
+    """sum over the epoch of the natural logarithm of the predicted densities"""
+    validation: Float[np.ndarray, " E"]
+    """mean squared error on the validation set after the epoch; NaN without one"""
+
+    @property
+    def epochs(self) -> int:
+        """Number of epochs."""
+        return len(self.mse)
+
+
+class Fit(NamedTuple):
+    """A trained function."""
+
+    learner: Learner
+    state: LearnerState
+    """of the best epoch, where there was a validation set; else of the last"""
+    history: History
+
+    @property
+    def params(self) -> Any:
+        """The parameters, as the pytree that training began with."""
+        return self.learner.params(self.state)
+
+    def predict(self, x: Any) -> Any:
+        """As `Learner.predict`."""
+        return self.learner.predict(self.state, x)
+
+
+class Progress(NamedTuple):
+    """How far training is; `str` of it is one line."""
+
+    epoch: int
+    epochs: int
+    done: float
+    """part of the whole, 0 to 1"""
+    left: float
+    """seconds, about"""
+    mse: float
+    """of the epoch so far"""
+    validation: float
+    """after the last finished epoch"""
+
+    def __str__(self) -> str:
+        checked = "" if np.isnan(self.validation) else f", validation {self.validation:.4g}"
+        return (
+            f"epoch {self.epoch}/{self.epochs}, {self.done:.0%}, squared error {self.mse:.4g}{checked}, "
+            f"{self.left:.0f} s left"
+        )
+
+
+class Position(NamedTuple):
+    """All that training goes on from."""
+
+    state: LearnerState
+    best: LearnerState | None
+    """with the least error on the validation set, if there is one"""
+    epoch: np.ndarray
+    update: np.ndarray
+    """number of updates of this epoch that are done"""
+    sums: np.ndarray
+    """over this epoch: squared innovations, NIS, log-likelihood, number of elements"""
+    history: History
+
+
+def learn(
+    function: Callable[[Any, Any], Any],
+    w0: Any,
+    inputs: Any,
+    targets: Any,
+    *,
+    noise: Any,
+    method: Method | None = None,
+    drift: Drift | None = None,
+    prior_std: Any = 1.0,
+    epochs: int = 1,
+    batch: int = 1,
+    key: Any = None,
+    validation: tuple[Any, Any] | None = None,
+    patience: int | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    progress: Callable[[Progress], Any] | None = None,
+) -> Fit:
+    """Train a function on pairs of inputs and targets.
+
+    Args:
+        function: as for `learner`, like all up to `prior_std`.
+        w0: where to start.
+        inputs: any pytree of arrays with a leading axis N.
+        targets: (N, ...); NaN where they are not known.
+        noise: of a target.
+        method: `srukf()` where not given.
+        drift: `fixed(0)` where not given.
+        prior_std: how far `w0` may be off.
+        epochs: how often all pairs are learned from.
+        batch: pairs that are learned from at once.
+        key: a random key or a seed: the order is drawn anew for every epoch. In the order given where there is none.
+        validation: inputs and targets that are not learned from; the state after the best epoch is kept.
+        patience: stop after so many epochs without a better one on the validation set.
+        checkpoint: a file. What is done is saved there every half minute and after every epoch, and taken up from there
+            if the file exists: a run that was killed and started again ends with the same numbers.
+        progress: called now and then with a `Progress`, for example `print`.
+
+    Returns:
+        A `Fit`: `params`, `state`, `history`, `predict`.
+
+    Raises:
+        ValueError: as `learner`; inputs and targets of different lengths, no targets, patience without validation, a
+            checkpoint of another run.
+        OSError: the checkpoint cannot be written.
+
+    Examples:
+        >>> import jax, jax.numpy as jnp, sigmapoint as sp
+        >>> x = jnp.linspace(-1, 1, 50)
+        >>> fit = sp.learn(lambda w, x: w["a"] * x + w["b"], {"a": 0.0, "b": 0.0}, x, 3 * x - 1, noise=0.01, epochs=2,
+        ...                key=0)
+        >>> round(float(fit.params["a"]), 2), fit.history.mse.shape
+        (3.0, (2,))
+    """
+    one = learner(function, w0, noise=noise, method=method, drift=drift, prior_std=prior_std)
+    x, d = one.checked(inputs, targets)
+    epochs, batch = checks.whole("epochs", epochs, 1), checks.whole("batch", batch, 1)
+    key = None if key is None else checks.key("key", key)
+    held = None if validation is None else one.checked(*validation)
+    if patience is not None:
+        patience = checks.whole("patience", patience, 1)
+        if held is None:
+            raise ValueError("patience needs a validation set")
+    run = Training(one, x, d, epochs, min(batch, len(d)), key, held, patience)
+    at = run.start()
+    if checkpoint is not None:
+        at = _resumed(Path(checkpoint), run, at)
+    saved = begun = time.monotonic()
+    first = run.done(at)
+    try:
+        for step, finished in run.steps(at):
+            at = step
+            now = time.monotonic()
+            if checkpoint is not None and (finished or now - saved > SAVED_EVERY):
+                _save(Path(checkpoint), run, at)
+                saved = now
+            if progress is not None:
+                progress(run.progress(at, first, now - begun))
+    except KeyboardInterrupt:
+        if checkpoint is not None:
+            _save(Path(checkpoint), run, at)
+        raise
+    return Fit(one, at.best or at.state, History(*(column[: int(at.epoch)] for column in at.history)))
+
+
+class Training(NamedTuple):
+    """One run of it."""
+
+    learner: Learner
+    x: Any
+    d: Array
+    epochs: int
+    batch: int
+    key: Any
+    held: tuple[Any, Array] | None
+    patience: int | None
+
+    @property
+    def updates(self) -> int:
+        """In an epoch."""
+        return -(-len(self.d) // self.batch)
+
+    @property
+    def _call(self) -> int:
+        L, M = self.learner.start.shape[0], self.batch * (self.d.size // len(self.d))
+        return max(1, min(LONGEST_CALL, self.updates, int(WORK / (L * L * (M + 4)))))
+
+    def start(self) -> Position:
+        """Before the first sample."""
+        state = self.learner.init()
+        nothing = History(*(np.full(self.epochs, np.nan) for _ in History._fields))
+        best = None if self.held is None else _copied(state)
+        return Position(state, best, np.array(0), np.array(0), np.zeros(4), nothing)
+
+    def steps(self, at: Position) -> Iterator[tuple[Position, bool]]:
+        """Positions on the way from there, and whether an epoch ended."""
+        while int(at.epoch) < self.epochs and not self._stopped(at):
+            order = self._order(int(at.epoch))
+            while int(at.update) < self.updates:
+                part = order[int(at.update) : int(at.update) + self._call]
+                x, d = jax.tree.map(lambda a, part=part: a[np.maximum(part, 0)], (self.x, self.d))
+                filled = jnp.asarray(part >= 0).reshape(part.shape + (1,) * (d.ndim - 2))
+                state, sums = _many(self.learner, at.state, x, jnp.where(filled, d, jnp.nan))
+                at = at._replace(state=state, update=at.update + len(part), sums=at.sums + np.asarray(sums))
+                if int(at.update) < self.updates:
+                    yield at, False
+            at = self._finished(at)
+            yield at, True
+
+    def _order(self, epoch: int) -> np.ndarray:
+        """Which pairs every update takes, −1 for none."""
+        N = len(self.d)
+        pairs = np.arange(N) if self.key is None else np.asarray(jax.random.permutation(_of(self.key, epoch), N))
+        return np.append(pairs, np.full(self.updates * self.batch - N, -1)).reshape(self.updates, self.batch)
+
+    def _finished(self, at: Position) -> Position:
+        squares, nis, likelihood, count = at.sums
+        error = np.nan if self.held is None else float(_error(self.learner, at.state, *self.held))
+        history = History(*(column.copy() for column in at.history))
+        for column, value in zip(history, (squares / max(count, 1), nis / max(count, 1), likelihood, error)):
+            column[int(at.epoch)] = value
+        earlier = at.history.validation[: int(at.epoch)]
+        better = self.held is not None and not (earlier <= error).any()
+        best = _copied(at.state) if better else at.best
+        return at._replace(best=best, epoch=at.epoch + 1, update=np.array(0), sums=np.zeros(4), history=history)
+
+    def _stopped(self, at: Position) -> bool:
+        if self.patience is None or not int(at.epoch):
+            return False
+        errors = at.history.validation[: int(at.epoch)]
+        return not np.isfinite(errors).any() or int(at.epoch) - 1 - int(np.nanargmin(errors)) >= self.patience
+
+    def done(self, at: Position) -> float:
+        """Part of the whole, 0 to 1."""
+        return (int(at.epoch) + int(at.update) / self.updates) / self.epochs
+
+    def progress(self, at: Position, first: float, seconds: float) -> Progress:
+        """For people, `seconds` after the beginning at `first`."""
+        done, past = self.done(at), int(at.epoch)
+        left = seconds * (1 - done) / max(done - first, 1e-12)
+        ended = int(at.update) == 0
+        mse = at.history.mse[past - 1] if ended else at.sums[0] / max(at.sums[3], 1)
+        last = at.history.validation[past - 1] if past else np.nan
+        return Progress(past if ended else past + 1, self.epochs, done, left, float(mse), float(last))
+
+    @property
+    def fingerprint(self) -> np.ndarray:
+        """Of all that the result depends on but the function."""
+        hashed = hashlib.sha256(repr((self.learner.method, self.learner.drift, self.learner.noise)).encode())
+        settings = self.epochs, self.batch, None if self.key is None else jax.random.key_data(_of(self.key, 0)).tolist()
+        hashed.update(repr((settings, self.patience)).encode())
+        for leaf in jax.tree.leaves((self.learner.start, self.learner.std, self.x, self.d, self.held)):
+            hashed.update(np.ascontiguousarray(leaf).tobytes())
+        return np.frombuffer(hashed.digest(), np.uint8)
+
+
+def _of(key: Any, epoch: int) -> Any:
+    return jax.random.fold_in(key, epoch)
+
+
+def _copied(state: LearnerState) -> LearnerState:
+    return jax.tree.map(jnp.copy, state)
+
+
+@eqx.filter_jit(donate="all-except-first")
+def _many(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[LearnerState, Float[Array, " 4"]]:
+    """One update after the other; the sums over them."""
+
+    def step(state: LearnerState, pair: tuple[Any, Array]) -> tuple[LearnerState, Array]:
+        state, info = updated(learner, state, *pair)
+        there = ~jnp.isnan(info.innovation)
+        squares = jnp.sum(jnp.where(there, info.innovation, 0.0) ** 2)
+        return state, jnp.stack([squares, info.nis, info.log_likelihood, jnp.sum(there, dtype=squares.dtype)])
+
+    state, sums = jax.lax.scan(step, state, (x, d))
+    return state, sums.sum(axis=0)
+
+
+@eqx.filter_jit
+def _error(learner: Learner, state: LearnerState, x: Any, d: Array) -> Float[Array, ""]:
+    return jnp.nanmean((learner.values(state.mean, x) - jnp.ravel(d)) ** 2)
+
+
+def _save(path: Path, run: Training, at: Position) -> None:
+    save(path, (run.fingerprint, at))
+
+
+def _resumed(path: Path, run: Training, at: Position) -> Position:
+    if not path.exists():
+        return at
+    try:
+        with jax.enable_x64(True):  # counts and sums are of 64 bits in any case
+            fingerprint, found = load(path, like=(run.fingerprint, at))
+    except ValueError as error:
+        raise ValueError(f"checkpoint {path} is not of this training: {error}") from error
+    if (np.asarray(fingerprint) != run.fingerprint).any():
+        raise ValueError(
+            f"checkpoint {path} is of a training with other data or settings: delete it, or choose another file"
+        )
+    numbers = jax.tree.map(np.asarray, (found.epoch, found.update, found.sums, found.history))
+    return Position(found.state, found.best, *numbers)

@@ -1,0 +1,81 @@
+"""The posterior factor in O(M L²), block by block and without a downdate.
+
+Parameters `w = m + S ξ` are seen through `y = ȳ + Φ ξ + noise`, the noise with lower factor C. An orthogonal matrix
+that makes the top of an array lower triangular turns
+
+    [ C  Φ ]          [ C⁺  0 ]
+    [ 0  S ]   into   [ K̄   S⁺ ]
+
+with C⁺ C⁺ᵀ the covariance of y, K̄ C⁺⁻¹ the gain, and S⁺ the factor after the measurement: the array form of the update
+(Kailath, Sayed & Hassibi 2000, section 12.3). Taken over blocks of B columns of S, the last one first, each orthogonal
+matrix is of size M+B only, found from [C Φ_B; 0 I] alone, and
+
+* its lower right corner is lower triangular, so S stays so: the next block is not touched by those behind it;
+* S is read and written once, by matrix products.
+
+With B = 1 and M = 1 this is Carlson's update (1973). The factor is kept as `U = Sᵀ`, whose rows are the columns of S: a
+block is then one piece of memory.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from sigmapoint.linalg import orthogonalized
+
+BLOCK = 48
+"""Columns in a block, about."""
+GROUPS = 4
+"""Parts of the factor in which the columns left of the diagonal are left out."""
+
+
+class Seen(NamedTuple):
+    """What a measurement makes of a factor."""
+
+    columns: Float[Array, "L L"]
+    """S⁺ᵀ"""
+    gain: Float[Array, "M L"]
+    """K̄ᵀ"""
+    factor: Float[Array, "M M"]
+    """C⁺"""
+    variance: Float[Array, " L"]
+    """diagonal of S⁺ S⁺ᵀ"""
+
+
+def conditioned(columns: Float[Array, "L L"], slope: Float[Array, "M L"], factor: Float[Array, "M M"]) -> Seen:
+    """The factor S = `columns`ᵀ after a measurement with this slope and this factor of its noise."""
+    L, M = columns.shape[0], slope.shape[0]
+    seen = Seen(columns, jnp.zeros((M, L), columns.dtype), factor, jnp.zeros(L, columns.dtype))
+    size = min(BLOCK, L)
+    blocks, rest = divmod(L, size)
+    if rest:
+        seen = _taken(seen, slope, L - rest, rest, L - rest)
+    for group in reversed(range(GROUPS)):
+        first, last = blocks * group // GROUPS, blocks * (group + 1) // GROUPS
+
+        def one(i: Array, seen: Seen, first: int = first, last: int = last) -> Seen:
+            return _taken(seen, slope, (last - 1 - i) * size, size, first * size)
+
+        seen = jax.lax.fori_loop(0, last - first, one, seen) if last > first else seen
+    return seen
+
+
+def _taken(seen: Seen, slope: Array, start: Array | int, size: int, left: int) -> Seen:
+    """After the columns from `start` on; all before `left` is zero in them."""
+    L, M = seen.columns.shape[0], slope.shape[0]
+    phi = jax.lax.dynamic_slice_in_dim(slope, start, size, 1)
+    eye = jnp.eye(size, dtype=phi.dtype)
+    C, Q = orthogonalized(jnp.block([[seen.factor, phi], [jnp.zeros((size, M), phi.dtype), eye]]))
+    # [0 I] Qᵀ is what stands below C⁺, exactly triangular there.
+    Q = jnp.concatenate([Q[:, :M], C[M:].T], axis=1)
+    block = jax.lax.dynamic_slice(seen.columns, (start, left), (size, L - left))
+    both = Q @ jnp.concatenate([seen.gain[:, left:], block])
+    after = both[M:]
+    return Seen(
+        jax.lax.dynamic_update_slice(seen.columns, after, (start, left)),
+        seen.gain.at[:, left:].set(both[:M]),
+        C[:M, :M],
+        seen.variance.at[left:].add(jnp.sum(after**2, axis=0)),
+    )
