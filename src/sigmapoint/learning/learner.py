@@ -149,8 +149,7 @@ class Learner(eqx.Module):
         Raises:
             ValueError: a target of another shape than the prediction, NaN or infinity in `x`, infinity in `d`.
         """
-        x, d = jax.tree.map(lambda a: np.asarray(a)[None] if not isinstance(a, jax.Array) else a[None], (x, d))
-        return self.update_batch(state, x, d)
+        return self.update_batch(state, *jax.tree.map(_alone, (x, d)))
 
     def update_batch(self, state: LearnerState, x: Any, d: Any) -> tuple[LearnerState, LearnerInfo]:
         """Learn from several pairs at once, as one long target.
@@ -187,27 +186,29 @@ class Learner(eqx.Module):
         """
         return _predicted(self, state, jax.tree.map(jnp.asarray, x))
 
-    def checked(self, x: Any, d: Any) -> tuple[Any, Array]:
+    def checked(self, x: Any, d: Any) -> tuple[Any, Any]:
         """Inputs and targets with a leading axis, as arrays."""
-        d = checks.array("targets", d).astype(self.start.dtype)
+        d = d if isinstance(d, np.ndarray) and d.dtype == self.start.dtype else checks.array("targets", d)
         if d.ndim == 0 or d.shape[0] == 0:
             raise ValueError(f"targets must be (B, ...) with B >= 1, got shape {d.shape}")
-        x = data_checks.inputs(x, d.shape[0], self.start.dtype, "inputs", "targets")
-        one = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), x)
-        value = jax.eval_shape(lambda x: jnp.asarray(self.function(self._tree(self.start), x)), one)
-        if value.shape != d.shape[1:]:
-            raise ValueError(f"a target has shape {d.shape[1:]}, but the function gives {value.shape} for its input")
-        if checks.known(d) and bool(jnp.isinf(d).any()):
+        if checks.known(d) and bool(np.isinf(d).any()):
             raise ValueError("targets have infinite values; what is not known is NaN")
-        return x, d
+        x = data_checks.inputs(x, d.shape[0], self.start.dtype, "inputs", "targets")
+        return x, d.astype(self.start.dtype)
 
     def _tree(self, w: Float[Array, " L"]) -> Any:
         return eqx.combine(self.unravel(w), self.rest)
 
-    def values(self, w: Float[Array, " L"], x: Any) -> Float[Array, " M"]:
-        """Those for several inputs, one after the other in one vector."""
+    def values(self, w: Float[Array, " L"], x: Any) -> Float[Array, "B ..."]:
+        """Those for several inputs."""
         tree = self._tree(w)
-        return jnp.ravel(jax.vmap(lambda x: jnp.asarray(self.function(tree, x), w.dtype))(x))
+        return jax.vmap(lambda x: jnp.asarray(self.function(tree, x)).astype(w.dtype))(x)
+
+    def fits(self, x: Any, d: Any) -> None:
+        """Raise ValueError where the function does not give what is shaped like a target."""
+        shape = jax.eval_shape(self.values, self.start, x).shape[1:]
+        if shape != d.shape[1:]:
+            raise ValueError(f"a target has shape {d.shape[1:]}, but the function gives {shape} for its input")
 
 
 def learner(
@@ -290,6 +291,10 @@ def _deviations(given: Any, arrays: Any, start: Array) -> Float[Array, " L"]:
     return std
 
 
+def _alone(a: Any) -> Any:
+    return a[None] if isinstance(a, jax.Array) else np.asarray(a)[None]
+
+
 @eqx.filter_jit
 def _updated(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[LearnerState, LearnerInfo]:
     return updated(learner, state, x, d)
@@ -297,10 +302,11 @@ def _updated(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[L
 
 def updated(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[LearnerState, LearnerInfo]:
     """The update, for inputs and targets with a leading axis."""
+    learner.fits(x, d)
     targets = d.shape[0]
     cov = measurement_noise.covariance(state.noise, d.size // targets)
     spread = learner.drift.grown(state.spread, learner.drift.added(state.drift, state.spread.variance, state.step))
-    view = spread.view(learner.method.rule, lambda step: learner.values(state.mean + step, x))
+    view = _view(learner, state._replace(spread=spread), x)
     there = ~jnp.isnan(jnp.ravel(d))
     R = jnp.kron(jnp.eye(targets, dtype=cov.dtype), cov)
     view = _only(view, there)
@@ -337,10 +343,14 @@ def _only(view: View, there: Array) -> View:
     )
 
 
+def _view(learner: Learner, state: LearnerState, x: Any) -> View:
+    return state.spread.view(learner.method.rule, lambda step: jnp.ravel(learner.values(state.mean + step, x)))
+
+
 @eqx.filter_jit
 def _predicted(learner: Learner, state: LearnerState, x: Any) -> Prediction:
     x = jax.tree.map(lambda a: a[None], x)
-    view = state.spread.view(learner.method.rule, lambda step: learner.values(state.mean + step, x))
-    shape = jax.eval_shape(lambda x: jax.vmap(lambda x: jnp.asarray(learner.function(learner.params(state), x)))(x), x)
-    var = jnp.diagonal(view.explained) + jnp.sum(view.bend**2, axis=1)
-    return Prediction(view.mean.reshape(shape.shape[1:]), jnp.sqrt(jnp.maximum(var, 0.0)).reshape(shape.shape[1:]))
+    shape = jax.eval_shape(learner.values, learner.start, x).shape[1:]
+    view = _view(learner, state, x)
+    variance = jnp.diagonal(view.explained) + jnp.sum(view.bend**2, axis=1)
+    return Prediction(view.mean.reshape(shape), jnp.sqrt(jnp.maximum(variance, 0.0)).reshape(shape))

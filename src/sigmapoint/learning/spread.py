@@ -103,7 +103,7 @@ class Covariance(NamedTuple):
 
     def grown(self, added: Float[Array, " L"]) -> "Covariance":
         scale, alone = _growth(self.variance, added)
-        return Covariance(self.cov * scale[None, :] * scale[:, None] + jnp.diag(alone))
+        return Covariance(self.cov * (scale[None, :] * scale[:, None]) + jnp.diag(alone))
 
     def on_diagonal(self, added: Float[Array, " L"]) -> "Covariance":
         """P + diag(added)."""
@@ -121,7 +121,7 @@ class Covariance(NamedTuple):
     def updated(self, view: View, noise: Float[Array, "M M"]) -> Learned:
         C = cholesky(view.explained + noise)
         gain = solve_lower(C, view.common.T)
-        return Learned(Covariance(symmetric(self.cov - gain.T @ gain)), gain, C)
+        return Learned(Covariance(self.cov - gain.T @ gain), gain, C)
 
 
 Spread: TypeAlias = Factor | Covariance

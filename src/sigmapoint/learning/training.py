@@ -154,9 +154,12 @@ def learn(
     """
     one = learner(function, w0, noise=noise, method=method, drift=drift, prior_std=prior_std)
     x, d = one.checked(inputs, targets)
+    one.fits(x, d)
     epochs, batch = checks.whole("epochs", epochs, 1), checks.whole("batch", batch, 1)
     key = None if key is None else checks.key("key", key)
     held = None if validation is None else one.checked(*validation)
+    if held is not None:
+        one.fits(*held)
     if patience is not None:
         patience = checks.whole("patience", patience, 1)
         if held is None:
@@ -298,7 +301,7 @@ def _many(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[Lear
 
 @eqx.filter_jit
 def _error(learner: Learner, state: LearnerState, x: Any, d: Array) -> Float[Array, ""]:
-    return jnp.nanmean((learner.values(state.mean, x) - jnp.ravel(d)) ** 2)
+    return jnp.nanmean((learner.values(state.mean, x) - d) ** 2)
 
 
 def _save(path: Path, run: Training, at: Position) -> None:

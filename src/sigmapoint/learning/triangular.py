@@ -25,7 +25,7 @@ from jaxtyping import Array, Float
 
 from sigmapoint.linalg import orthogonalized
 
-BLOCK = 48
+BLOCK = 32
 """Columns in a block, about."""
 GROUPS = 4
 """Parts of the factor in which the columns left of the diagonal are left out."""

@@ -17,7 +17,7 @@ from sigmapoint.native import materialized, product
 
 ROUND_OFF = 4.0
 """What is not more than so many times the round-off of the numbers that it was computed from says nothing."""
-TOGETHER = 128
+TOGETHER = 32
 """Pairs of points that a function is evaluated at together."""
 
 
@@ -150,11 +150,12 @@ class SymmetricPoints(NamedTuple):
 
     def _in_parts(self, g: Callable[[Array], Array], factor: Float[Array, "n N"]) -> Float[Array, "p d"]:
         """Not at all points at once, which have more numbers in them than all else; the last part overlaps."""
-        centre = g(jnp.zeros_like(factor[:, 0]))
+        rows = factor.T
+        centre = g(jnp.zeros_like(rows[0]))
 
         def part(i: Array, values: Array) -> Array:
             start = jnp.minimum(i * TOGETHER, self.n - TOGETHER)
-            along = self.spread * jax.lax.dynamic_slice_in_dim(factor, start, TOGETHER, 1).T
+            along = self.spread * jax.lax.dynamic_slice_in_dim(rows, start, TOGETHER)
             both = jax.vmap(g)(jnp.concatenate([along, -along])).reshape(2, TOGETHER, -1)
             return jax.lax.dynamic_update_slice(values, both, (0, start, 0))
 
