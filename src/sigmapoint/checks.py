@@ -60,6 +60,14 @@ def number(name: str, value: Any) -> float:
     return float(given)
 
 
+def fraction(name: str, value: Any) -> float:
+    """A number above 0 and up to 1."""
+    value = number(name, value)
+    if not 0 < value <= 1:
+        raise ValueError(f"{name} must be greater than 0 and at most 1, got {value}")
+    return value
+
+
 def instance(name: str, value: Any, kind: type, maker: str = "") -> None:
     """An object of a class of this library; `maker` is how one is made, where users do not write the class."""
     if not isinstance(value, kind):

@@ -8,7 +8,6 @@ from sigmapoint.carry import Augmented, Carry, ExtendedSet, Redraw
 from sigmapoint.methods import Method
 from sigmapoint.rules.at_mean import AtMean
 from sigmapoint.rules.linearization import SigmaPointRule
-from sigmapoint.rules.taylor import Taylor
 
 
 def iterated(method: Method, iterations: int = 3) -> Method:
@@ -92,14 +91,10 @@ def _carrying(method: Method, carry: Carry) -> Method:
     return replace(method, carry=carry) if isinstance(method.rule, SigmaPointRule) else method
 
 
-VARIANTS: dict[str, Callable[..., Method]] = {make.__name__: make for make in (iterated, augmented, extended_set)}
-"""Each by its name, for the command line; the first argument is a method."""
-
-
 def at_mean(method: Method) -> Method:
     """Predict by the value at the mean in place of the mean of the values (option 2 of parameter estimation).
 
-    All else stays: slopes, spread, the covariance of the innovation (Wan & van der Merwe 2001, section 7.4).
+    Source: Wan & van der Merwe (2001), Table 7.4.1. For problems whose error can go to zero, as in optimisation.
 
     Args:
         method: any method; an extended one predicts so already.
@@ -108,7 +103,7 @@ def at_mean(method: Method) -> Method:
         The method, with such predictions.
 
     Raises:
-        ValueError: not a method, or one that carries points.
+        ValueError: not a method.
 
     Examples:
         >>> import sigmapoint as sp
@@ -116,6 +111,10 @@ def at_mean(method: Method) -> Method:
         1.0
     """
     checks.instance("method", method, Method)
-    if not isinstance(method.carry, Redraw):
-        raise ValueError("at_mean: the method must not be augmented or extended")
-    return method if isinstance(method.rule, Taylor) else replace(method, rule=AtMean(method.rule))
+    return replace(method, rule=AtMean(method.rule)) if isinstance(method.rule, SigmaPointRule) else method
+
+
+VARIANTS: dict[str, Callable[..., Method]] = {
+    make.__name__: make for make in (iterated, augmented, extended_set, at_mean)
+}
+"""Each by its name, for the command line; the first argument is a method."""

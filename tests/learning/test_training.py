@@ -161,3 +161,12 @@ def test_bad_settings(change, message):
     x, d, w = problem(10)
     with pytest.raises(ValueError, match=message):
         sp.learn(**({"function": g, "w0": w, "inputs": x, "targets": d, "noise": 0.1} | change))
+
+
+def test_a_function_that_breaks_shows_in_the_history_and_is_never_the_best():
+    x = np.arange(1.0, 9.0)
+    breaks = np.where(x > 6, -1.0, 1.0)  # its root is NaN
+    fit = sp.learn(lambda w, x: w * jnp.sqrt(x), 1.0, x * breaks, x, noise=1.0, epochs=2, validation=(x, x))
+    assert np.isnan(fit.history.mse).all()
+    assert np.isnan(fit.history.validation).all()
+    assert float(fit.params) == 1.0

@@ -1,4 +1,4 @@
-"""How much parameters may have moved between two samples: process noises of parameter estimation.
+"""How much parameters may have moved between two updates: process noises of parameter estimation.
 
 Source: Wan & van der Merwe, "The Unscented Kalman Filter" (2001), section 7.4.1. Each says which variance every
 parameter gains (`added`); how a covariance grows by that is the same for all:
@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sigmapoint import checks
-from sigmapoint.learning.spread import Spread
+from sigmapoint.learning.uncertainty import Uncertainty
 
 
 @runtime_checkable
@@ -28,21 +28,21 @@ class Drift(Protocol):
         ...
 
     def added(self, memory: Any, variance: Float[Array, " L"], step: Int[Array, ""]) -> Float[Array, " L"]:
-        """The variance that each parameter gains before sample number `step`."""
+        """The variance that each parameter gains before update number `step`."""
         ...
 
     def after(self, memory: Any, moved: Float[Array, " L"]) -> Any:
         """The memory after an update that has moved the mean by so much."""
         ...
 
-    def grown(self, spread: Any, added: Float[Array, " L"]) -> Any:
-        """`spread` with that."""
+    def inflated(self, uncertainty: Any, added: Float[Array, " L"]) -> Any:
+        """`uncertainty` with that."""
         ...
 
 
 @dataclass(frozen=True)
-class Constant:
-    """No memory, correlations kept; the base of the others."""
+class Schedule:
+    """What schedules have in common: no memory, and correlations are kept."""
 
     def start(self, variance: Float[Array, " L"]) -> Any:
         return None
@@ -50,12 +50,12 @@ class Constant:
     def after(self, memory: Any, moved: Float[Array, " L"]) -> Any:
         return None
 
-    def grown(self, spread: Spread, added: Float[Array, " L"]) -> Spread:
-        return spread.grown(added)
+    def inflated(self, uncertainty: Uncertainty, added: Float[Array, " L"]) -> Uncertainty:
+        return uncertainty.inflated(added)
 
 
 @dataclass(frozen=True)
-class Annealed(Constant):
+class Annealed(Schedule):
     """q rateᵏ, never below the floor."""
 
     q: float
@@ -68,7 +68,7 @@ class Annealed(Constant):
 
 
 @dataclass(frozen=True)
-class Forgetting(Constant):
+class Forgetting(Schedule):
     """P / λ."""
 
     factor: float
@@ -78,7 +78,7 @@ class Forgetting(Constant):
 
 
 @dataclass(frozen=True)
-class RobbinsMonro(Constant):
+class RobbinsMonro(Schedule):
     """q ← (1 − rate) q + rate · (how far the last update moved)²."""
 
     q: float
@@ -109,15 +109,15 @@ class OnDiagonal:
     def after(self, memory: Any, moved: Float[Array, " L"]) -> Any:
         return self.drift.after(memory, moved)
 
-    def grown(self, spread: Spread, added: Float[Array, " L"]) -> Spread:
-        return spread.on_diagonal(added)
+    def inflated(self, uncertainty: Uncertainty, added: Float[Array, " L"]) -> Uncertainty:
+        return uncertainty.on_diagonal(added)
 
 
 def fixed(q: float) -> Drift:
-    """The same variance at every sample: for parameters that drift, and to keep learning.
+    """The same variance at every update: for parameters that drift, and to keep learning.
 
     Args:
-        q: variance gained by each parameter and sample, in its own squared units; 0 for constants.
+        q: variance gained by each parameter and update, in its own squared units; 0 for constants.
 
     Raises:
         ValueError: a negative number.
@@ -131,11 +131,11 @@ def fixed(q: float) -> Drift:
 
 
 def annealed(q: float, rate: float, floor: float = 0.0) -> Drift:
-    """A variance that shrinks: q rateᵏ at sample k, never below `floor`.
+    """A variance that shrinks: q rateᵏ at update k, never below `floor`.
 
     Args:
-        q: variance gained at the first sample, in squared units of the parameters.
-        rate: its factor from sample to sample, in (0, 1].
+        q: variance gained at the first update, in squared units of the parameters.
+        rate: its factor from update to update, in (0, 1].
         floor: where it stops, so that learning does not.
 
     Raises:
@@ -146,14 +146,14 @@ def annealed(q: float, rate: float, floor: float = 0.0) -> Drift:
         >>> sp.annealed(1e-3, 0.99, floor=1e-8).rate
         0.99
     """
-    return Annealed(_variance("q", q), _fraction("rate", rate), _variance("floor", floor))
+    return Annealed(_variance("q", q), checks.fraction("rate", rate), _variance("floor", floor))
 
 
 def forgetting(factor: float) -> Drift:
-    """Recursive least squares' exponential forgetting: P / λ at every sample.
+    """Recursive least squares' exponential forgetting: P / λ at every update.
 
     Args:
-        factor: λ in (0, 1]; what was seen n samples ago counts λⁿ. 0.9995 remembers about 2000 samples.
+        factor: λ in (0, 1]; what was learned n updates ago counts λⁿ. 0.9995 remembers about 2000.
 
     Raises:
         ValueError: a number outside (0, 1].
@@ -163,7 +163,7 @@ def forgetting(factor: float) -> Drift:
         >>> sp.forgetting(0.9995).factor
         0.9995
     """
-    return Forgetting(_fraction("factor", factor))
+    return Forgetting(checks.fraction("factor", factor))
 
 
 def robbins_monro(q: float, rate: float) -> Drift:
@@ -171,7 +171,7 @@ def robbins_monro(q: float, rate: float) -> Drift:
 
     Args:
         q: variance at the start, in squared units of the parameters.
-        rate: how much of each new square enters, in (0, 1]; about 1 / (samples to average over).
+        rate: how much of each new square enters, in (0, 1]; about 1 / (updates to average over).
 
     Raises:
         ValueError: a negative variance, a rate outside (0, 1].
@@ -181,7 +181,7 @@ def robbins_monro(q: float, rate: float) -> Drift:
         >>> sp.robbins_monro(1e-4, 0.01).rate
         0.01
     """
-    return RobbinsMonro(_variance("q", q), _fraction("rate", rate))
+    return RobbinsMonro(_variance("q", q), checks.fraction("rate", rate))
 
 
 def on_diagonal(drift: Drift) -> Drift:
@@ -206,11 +206,4 @@ def _variance(name: str, value: Any) -> float:
     value = checks.number(name, value)
     if not 0 <= value < float("inf"):
         raise ValueError(f"{name} is a variance: it must be finite and not negative, got {value}")
-    return value
-
-
-def _fraction(name: str, value: Any) -> float:
-    value = checks.number(name, value)
-    if not 0 < value <= 1:
-        raise ValueError(f"{name} must be greater than 0 and at most 1, got {value}")
     return value

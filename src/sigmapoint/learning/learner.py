@@ -1,7 +1,7 @@
 """Parameters as states: `w[k+1] = w[k] + drift`, `d[k] = G(w[k], x[k]) + noise`, one pair (x, d) at a time.
 
-Source: Wan & van der Merwe, "The Unscented Kalman Filter" (2001), Tables 7.4.1 (UKF) and 7.3.4 of van der Merwe & Wan,
-"The Square-Root Unscented Kalman Filter" (2001), the latter without its downdates: `triangular`.
+Source: Wan & van der Merwe, "The Unscented Kalman Filter" (2001), Table 7.4.1; van der Merwe & Wan, "The Square-Root
+Unscented Kalman Filter for State and Parameter-Estimation" (2001), Algorithm 3.2, without its downdates: `triangular`.
 """
 
 from collections.abc import Callable
@@ -20,9 +20,9 @@ from sigmapoint.carry import Redraw
 from sigmapoint.learning import measurement_noise
 from sigmapoint.learning.drift import Drift, fixed
 from sigmapoint.learning.measurement_noise import Known, MeasurementNoise, checked
-from sigmapoint.learning.spread import Covariance, Factor, Spread, View
+from sigmapoint.learning.uncertainty import Covariance, Factor, Uncertainty, View
 from sigmapoint.linalg import solve_lower
-from sigmapoint.methods import Method, srukf
+from sigmapoint.methods import Method, srcdkf
 from sigmapoint.rules.linearization import SigmaPointRule
 from sigmapoint.step import LOG_2PI
 
@@ -31,7 +31,7 @@ class LearnerState(NamedTuple):
     """What is known about the parameters, all of them in one vector, after so many updates."""
 
     mean: Float[Array, " L"]
-    spread: Spread
+    uncertainty: Uncertainty
     drift: Any
     noise: Array
     """of targets: a variance, variances (m,), or a covariance (m, m), in their squared units"""
@@ -40,17 +40,17 @@ class LearnerState(NamedTuple):
     @property
     def std(self) -> Float[Array, " L"]:
         """Standard deviations, in the units of the parameters."""
-        return jnp.sqrt(jnp.maximum(self.spread.variance, 0.0))
+        return jnp.sqrt(jnp.maximum(self.uncertainty.variance, 0.0))
 
     @property
     def cov(self) -> Float[Array, "L L"]:
         """Their covariance."""
-        return self.spread.cov
+        return self.uncertainty.cov
 
     @property
     def factor(self) -> Float[Array, "L L"]:
         """A lower factor of their covariance."""
-        return self.spread.factor
+        return self.uncertainty.factor
 
 
 class LearnerInfo(NamedTuple):
@@ -108,10 +108,12 @@ class Learner(eqx.Module):
             >>> sp.learner(lambda w, x: w * x, 0.0, noise=1.0, prior_std=2.0).init().std.tolist()
             [2.0]
         """
-        spread = (Factor if self.method.belief is SquareRoot else Covariance).of(self.std)
+        uncertainty = (Factor if self.method.belief is SquareRoot else Covariance).of(self.std)
         noise = jnp.asarray(self.noise.value, self.start.dtype)
         # Copies, so that a state may be given away.
-        return LearnerState(jnp.array(self.start), spread, self.drift.start(self.std**2), noise, jnp.zeros((), int))
+        return LearnerState(
+            jnp.array(self.start), uncertainty, self.drift.start(self.std**2), noise, jnp.zeros((), int)
+        )
 
     def params(self, state: LearnerState) -> Any:
         """The parameters, as the pytree they were given in.
@@ -149,7 +151,8 @@ class Learner(eqx.Module):
         Raises:
             ValueError: a target of another shape than the prediction, NaN or infinity in `x`, infinity in `d`.
         """
-        return self.update_batch(state, *jax.tree.map(_alone, (x, d)))
+        checks.unmasked("target", d)
+        return self.update_batch(state, jax.tree.map(_alone, x), _alone(d))
 
     def update_batch(self, state: LearnerState, x: Any, d: Any) -> tuple[LearnerState, LearnerInfo]:
         """Learn from several pairs at once, as one long target.
@@ -184,10 +187,11 @@ class Learner(eqx.Module):
             >>> float(mean), round(float(std), 6)
             (20.0, 5.0)
         """
-        return _predicted(self, state, jax.tree.map(jnp.asarray, x))
+        return _predicted(self, state, data_checks.inputs(x, None, self.start.dtype, "input"))
 
     def checked(self, x: Any, d: Any) -> tuple[Any, Any]:
         """Inputs and targets with a leading axis, as arrays."""
+        checks.unmasked("targets", d)
         d = d if isinstance(d, np.ndarray) and d.dtype == self.start.dtype else checks.array("targets", d)
         if d.ndim == 0 or d.shape[0] == 0:
             raise ValueError(f"targets must be (B, ...) with B >= 1, got shape {d.shape}")
@@ -224,12 +228,12 @@ def learner(
 
     Args:
         function: `function(w, x)`, the prediction for input `x`, any shape.
-        w0: where to start: any pytree of arrays and numbers (dicts, Equinox modules; what is no array stays as it is).
+        w0: where to start: any pytree of floating-point arrays and numbers (dicts, Equinox modules). Other leaves stay
+            as they are.
         noise: how far targets are from a perfect prediction: one variance for all elements of a target, one for each,
-            or a covariance (m, m), in squared units of the targets; or `learned_noise(...)`. Small targets' weights are
-            large: 1 / noise.
-        method: `srukf()` where not given; `srekf`, `srcdkf`, `ukf`, ... alike. Square-root forms and `ekf` cost
-            O(M L²) a sample, the other dense ones O(L³).
+            or a covariance (m, m), in squared units of the targets; or `learned_noise(...)`.
+        method: `srcdkf()` where not given; its points stay √3 standard deviations out, those of `srukf()` √L. Square
+            roots and `ekf` cost O(M L²) for M elements of a target and L parameters, the other dense ones O(L³).
         drift: how much parameters may move between samples; `fixed(0)` where not given.
         prior_std: how far `w0` may be off: a number, or a pytree like `w0`.
 
@@ -237,8 +241,8 @@ def learner(
         A `Learner`: `init`, `update`, `params`, `predict`.
 
     Raises:
-        ValueError: no parameters, parameters of several types, a noise or deviation that is not positive, a method that
-            is iterated or carries points.
+        ValueError: no parameters, parameters of several types, a noise that is not positive, a negative deviation, a
+            method that is iterated or carries points.
 
     Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
@@ -248,15 +252,18 @@ def learner(
         >>> s.mean.shape, info.prediction.shape
         ((9,), (1,))
     """
-    checks.callables(function=function)
-    method = srukf() if method is None else method
+    if not callable(function):
+        raise ValueError(f"function must be a function of (w, x), got {type(function).__name__}")
+    method = srcdkf() if method is None else method
     checks.instance("method", method, Method)
     if method.iterations > 1 or not isinstance(method.carry, Redraw):
         raise ValueError("learner: the method must not be iterated, augmented or extended")
     drift = fixed(0.0) if drift is None else drift
     checks.instance("drift", drift, Drift, "sp.fixed(), sp.annealed(), sp.forgetting() or sp.robbins_monro()")
     known = noise if isinstance(noise, MeasurementNoise) else Known(checked("noise", noise))
-    w0 = jax.tree.map(lambda a: jnp.asarray(a, float) if isinstance(a, bool | int | float) else a, w0)
+    w0 = jax.tree.map(
+        lambda a: jnp.asarray(a, float) if isinstance(a, int | float) and not isinstance(a, bool) else a, w0
+    )
     arrays, rest = eqx.partition(w0, lambda a: eqx.is_inexact_array(a) or isinstance(a, np.ndarray))
     start, unravel = _vector(arrays)
     if isinstance(method.rule, SigmaPointRule):
@@ -292,6 +299,7 @@ def _deviations(given: Any, arrays: Any, start: Array) -> Float[Array, " L"]:
 
 
 def _alone(a: Any) -> Any:
+    checks.unmasked("input", a)
     return a[None] if isinstance(a, jax.Array) else np.asarray(a)[None]
 
 
@@ -305,23 +313,25 @@ def updated(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[Le
     learner.fits(x, d)
     targets = d.shape[0]
     cov = measurement_noise.covariance(state.noise, d.size // targets)
-    spread = learner.drift.grown(state.spread, learner.drift.added(state.drift, state.spread.variance, state.step))
-    view = _view(learner, state._replace(spread=spread), x)
+    uncertainty = learner.drift.inflated(
+        state.uncertainty, learner.drift.added(state.drift, state.uncertainty.variance, state.step)
+    )
+    view = _view(learner, state._replace(uncertainty=uncertainty), x)
     there = ~jnp.isnan(jnp.ravel(d))
     R = jnp.kron(jnp.eye(targets, dtype=cov.dtype), cov)
     view = _only(view, there)
     known = jnp.where(there[:, None] & there[None, :], R, 0.0)
     noise = known + view.bend @ view.bend.T + jnp.diag(jnp.where(there, 0.0, 1.0))
     innovation = jnp.where(there, jnp.ravel(d) - view.mean, 0.0)
-    learned = spread.updated(view, noise)
+    learned = uncertainty.updated(view, noise)
     white = solve_lower(learned.factor, innovation)
     moved = learned.gain.T @ white
     found = measurement_noise.expected(R, white, solve_lower(learned.factor, known))
     m = cov.shape[0]
-    found = jnp.mean(jnp.stack([found[i : i + m, i : i + m] for i in range(0, R.shape[0], m)]), axis=0)
+    found = jnp.einsum("bibj->ij", found.reshape(targets, m, targets, m)) / targets
     after = LearnerState(
         state.mean + moved,
-        learned.spread,
+        learned.uncertainty,
         learner.drift.after(state.drift, moved),
         learner.noise.after(state.noise, found),
         state.step + 1,
@@ -344,7 +354,7 @@ def _only(view: View, there: Array) -> View:
 
 
 def _view(learner: Learner, state: LearnerState, x: Any) -> View:
-    return state.spread.view(learner.method.rule, lambda step: jnp.ravel(learner.values(state.mean + step, x)))
+    return state.uncertainty.view(learner.method.rule, lambda step: jnp.ravel(learner.values(state.mean + step, x)))
 
 
 @eqx.filter_jit

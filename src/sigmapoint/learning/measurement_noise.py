@@ -71,12 +71,15 @@ def expected(
 
 
 def learned_noise(initial: Any, rate: float) -> MeasurementNoise:
-    """Measurement noise that is learned along with the parameters.
+    """Measurement noise that is learned along with the parameters, by stochastic approximation.
+
+    The papers average squared innovations (Wan & van der Merwe 2001, section 7.4.1: "a similar update may also be used
+    for R"), which the uncertainty of the parameters adds to. Here it is what they are expected to be without it.
 
     Args:
         initial: what to start with, in squared units of the targets: one variance for all elements of a target, one for
             each, or a covariance (m, m). The same is learned.
-        rate: how much of each sample enters, in (0, 1]; about 1 / (samples to average over).
+        rate: how much of each update enters, in (0, 1]; about 1 / (updates to average over).
 
     Raises:
         ValueError: a variance that is not positive, a covariance that is not symmetric or positive semi-definite, a
@@ -87,10 +90,7 @@ def learned_noise(initial: Any, rate: float) -> MeasurementNoise:
         >>> sp.learned_noise(0.1, rate=0.01).rate
         0.01
     """
-    rate = checks.number("rate", rate)
-    if not 0 < rate <= 1:
-        raise ValueError(f"rate must be greater than 0 and at most 1, got {rate}")
-    return Learned(checked("initial", initial), rate)
+    return Learned(checked("initial", initial), checks.fraction("rate", rate))
 
 
 def checked(name: str, noise: Any) -> Any:

@@ -124,7 +124,7 @@ def learn(
         inputs: any pytree of arrays with a leading axis N.
         targets: (N, ...); NaN where they are not known.
         noise: of a target.
-        method: `srukf()` where not given.
+        method: `srcdkf()` where not given.
         drift: `fixed(0)` where not given.
         prior_std: how far `w0` may be off.
         epochs: how often all pairs are learned from.
@@ -132,8 +132,8 @@ def learn(
         key: a random key or a seed: the order is drawn anew for every epoch. In the order given where there is none.
         validation: inputs and targets that are not learned from; the state after the best epoch is kept.
         patience: stop after so many epochs without a better one on the validation set.
-        checkpoint: a file. What is done is saved there every half minute and after every epoch, and taken up from there
-            if the file exists: a run that was killed and started again ends with the same numbers.
+        checkpoint: a file. What is done is saved there every half minute and at the end, and taken up from there if the
+            file exists: a run that was killed and started again ends with the same numbers.
         progress: called now and then with a `Progress`, for example `print`.
 
     Returns:
@@ -167,21 +167,22 @@ def learn(
     run = Training(one, x, d, epochs, min(batch, len(d)), key, held, patience)
     at = run.start()
     if checkpoint is not None:
-        at = _resumed(Path(checkpoint), run, at)
+        at = _resumed(Path(checkpoint), run.fingerprint, at)
     saved = begun = time.monotonic()
+    identity = run.fingerprint
     first = run.done(at)
     try:
         for step, finished in run.steps(at):
             at = step
             now = time.monotonic()
-            if checkpoint is not None and (finished or now - saved > SAVED_EVERY):
-                _save(Path(checkpoint), run, at)
+            if checkpoint is not None and (now - saved >= SAVED_EVERY or (finished and run.over(at))):
+                _save(Path(checkpoint), identity, at)
                 saved = now
             if progress is not None:
                 progress(run.progress(at, first, now - begun))
     except KeyboardInterrupt:
         if checkpoint is not None:
-            _save(Path(checkpoint), run, at)
+            _save(Path(checkpoint), identity, at)
         raise
     return Fit(one, at.best or at.state, History(*(column[: int(at.epoch)] for column in at.history)))
 
@@ -212,12 +213,11 @@ class Training(NamedTuple):
         """Before the first sample."""
         state = self.learner.init()
         nothing = History(*(np.full(self.epochs, np.nan) for _ in History._fields))
-        best = None if self.held is None else _copied(state)
-        return Position(state, best, np.array(0), np.array(0), np.zeros(4), nothing)
+        return Position(state, None if self.held is None else state, np.array(0), np.array(0), np.zeros(4), nothing)
 
     def steps(self, at: Position) -> Iterator[tuple[Position, bool]]:
         """Positions on the way from there, and whether an epoch ended."""
-        while int(at.epoch) < self.epochs and not self._stopped(at):
+        while not self.over(at):
             order = self._order(int(at.epoch))
             while int(at.update) < self.updates:
                 part = order[int(at.update) : int(at.update) + self._call]
@@ -242,10 +242,13 @@ class Training(NamedTuple):
         history = History(*(column.copy() for column in at.history))
         for column, value in zip(history, (squares / max(count, 1), nis / max(count, 1), likelihood, error)):
             column[int(at.epoch)] = value
-        earlier = at.history.validation[: int(at.epoch)]
-        better = self.held is not None and not (earlier <= error).any()
-        best = _copied(at.state) if better else at.best
+        earlier = np.fmin.reduce(at.history.validation[: int(at.epoch)], initial=np.inf)
+        best = at.state if error < earlier else at.best
         return at._replace(best=best, epoch=at.epoch + 1, update=np.array(0), sums=np.zeros(4), history=history)
+
+    def over(self, at: Position) -> bool:
+        """Whether there is nothing left to do."""
+        return int(at.epoch) >= self.epochs or self._stopped(at)
 
     def _stopped(self, at: Position) -> bool:
         if self.patience is None or not int(at.epoch):
@@ -281,17 +284,13 @@ def _of(key: Any, epoch: int) -> Any:
     return jax.random.fold_in(key, epoch)
 
 
-def _copied(state: LearnerState) -> LearnerState:
-    return jax.tree.map(jnp.copy, state)
-
-
-@eqx.filter_jit(donate="all-except-first")
+@eqx.filter_jit
 def _many(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[LearnerState, Float[Array, " 4"]]:
     """One update after the other; the sums over them."""
 
     def step(state: LearnerState, pair: tuple[Any, Array]) -> tuple[LearnerState, Array]:
         state, info = updated(learner, state, *pair)
-        there = ~jnp.isnan(info.innovation)
+        there = ~jnp.isnan(jnp.ravel(pair[1]))  # a prediction that is NaN shows
         squares = jnp.sum(jnp.where(there, info.innovation, 0.0) ** 2)
         return state, jnp.stack([squares, info.nis, info.log_likelihood, jnp.sum(there, dtype=squares.dtype)])
 
@@ -301,22 +300,23 @@ def _many(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[Lear
 
 @eqx.filter_jit
 def _error(learner: Learner, state: LearnerState, x: Any, d: Array) -> Float[Array, ""]:
-    return jnp.nanmean((learner.values(state.mean, x) - d) ** 2)
+    there = ~jnp.isnan(d)
+    return jnp.sum(jnp.where(there, learner.values(state.mean, x) - d, 0.0) ** 2) / jnp.sum(there, dtype=d.dtype)
 
 
-def _save(path: Path, run: Training, at: Position) -> None:
-    save(path, (run.fingerprint, at))
+def _save(path: Path, identity: np.ndarray, at: Position) -> None:
+    save(path, (identity, at))
 
 
-def _resumed(path: Path, run: Training, at: Position) -> Position:
+def _resumed(path: Path, identity: np.ndarray, at: Position) -> Position:
     if not path.exists():
         return at
     try:
         with jax.enable_x64(True):  # counts and sums are of 64 bits in any case
-            fingerprint, found = load(path, like=(run.fingerprint, at))
+            fingerprint, found = load(path, like=(identity, at))
     except ValueError as error:
         raise ValueError(f"checkpoint {path} is not of this training: {error}") from error
-    if (np.asarray(fingerprint) != run.fingerprint).any():
+    if (np.asarray(fingerprint) != identity).any():
         raise ValueError(
             f"checkpoint {path} is of a training with other data or settings: delete it, or choose another file"
         )

@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 from sigmapoint.rules.linearization import Linearization, magnitude
 from sigmapoint.spaces import Space
 
-MANY = 64
-"""With more columns than that, derivatives are taken backward."""
+FEWER = 8
+"""Derivatives are taken backward where the elements of a value are so many times fewer than the columns."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Taylor:
 
     def __call__(self, g: Callable[[Array], Array], factor: Float[Array, "n N"], space: Space) -> Linearization:
         origin = jnp.zeros(factor.shape[0], factor.dtype)
-        if factor.shape[1] > MANY:
+        if _few(g, origin):
             value, slope = _jacobian(g, origin, space)
             return _linearized(value, slope @ factor)
         value, along = jax.linearize(g, origin)
@@ -40,9 +40,14 @@ class Taylor:
         space: Space,
     ) -> Linearization:
         del factor  # a derivative at a point does not depend on the spread
-        if mean.shape[0] > MANY:
-            return _linearized(*_jacobian(lambda step: g(mean + step), jnp.zeros_like(mean), space))
-        return self(lambda step: g(mean + step), jnp.eye(mean.shape[0], dtype=mean.dtype), space)
+        moved, origin = (lambda step: g(mean + step)), jnp.zeros_like(mean)
+        if _few(moved, origin):
+            return _linearized(*_jacobian(moved, origin, space))
+        return self(moved, jnp.eye(mean.shape[0], dtype=mean.dtype), space)
+
+
+def _few(g: Callable[[Array], Array], origin: Float[Array, " n"]) -> bool:
+    return FEWER * jax.eval_shape(g, origin).shape[0] < origin.shape[0]
 
 
 def _jacobian(g: Callable[[Array], Array], origin: Array, space: Space) -> tuple[Array, Array]:

@@ -33,10 +33,10 @@ class View(NamedTuple):
     """covariance of the value by that of the parameters"""
 
 
-class Learned(NamedTuple):
+class Updated(NamedTuple):
     """What a measurement has changed."""
 
-    spread: "Spread"
+    uncertainty: "Uncertainty"
     gain: Float[Array, "M L"]
     """the gain times the factor of the innovation, transposed"""
     factor: Float[Array, "M M"]
@@ -62,7 +62,7 @@ class Factor(NamedTuple):
     def cov(self) -> Float[Array, "L L"]:
         return symmetric(self.columns.T @ self.columns)
 
-    def grown(self, added: Float[Array, " L"]) -> "Factor":
+    def inflated(self, added: Float[Array, " L"]) -> "Factor":
         """With more variance in each parameter, correlations kept."""
         scale, alone = _growth(self.variance, added)
         return Factor(self.columns * scale[None, :] + jnp.diag(jnp.sqrt(alone)), self.variance + added)
@@ -78,10 +78,10 @@ class Factor(NamedTuple):
         lin = rule(g, self.factor, Euclidean())
         return View(lin.mean, lin.bend, lin.slope.T, lin.slope @ lin.slope.T)
 
-    def updated(self, view: View, noise: Float[Array, "M M"]) -> Learned:
+    def updated(self, view: View, noise: Float[Array, "M M"]) -> Updated:
         """After a measurement of what was viewed; `noise` is all of its covariance that is not explained."""
         seen = conditioned(self.columns, view.common.T, cholesky(noise))
-        return Learned(Factor(seen.columns, seen.variance), seen.gain, seen.factor)
+        return Updated(Factor(seen.columns, seen.variance), seen.gain, seen.factor)
 
 
 class Covariance(NamedTuple):
@@ -101,7 +101,7 @@ class Covariance(NamedTuple):
     def variance(self) -> Float[Array, " L"]:
         return jnp.diagonal(self.cov)
 
-    def grown(self, added: Float[Array, " L"]) -> "Covariance":
+    def inflated(self, added: Float[Array, " L"]) -> "Covariance":
         scale, alone = _growth(self.variance, added)
         return Covariance(self.cov * (scale[None, :] * scale[:, None]) + jnp.diag(alone))
 
@@ -118,13 +118,13 @@ class Covariance(NamedTuple):
         lin = rule(g, factor, Euclidean())
         return View(lin.mean, lin.bend, factor @ lin.slope.T, lin.slope @ lin.slope.T)
 
-    def updated(self, view: View, noise: Float[Array, "M M"]) -> Learned:
+    def updated(self, view: View, noise: Float[Array, "M M"]) -> Updated:
         C = cholesky(view.explained + noise)
         gain = solve_lower(C, view.common.T)
-        return Learned(Covariance(self.cov - gain.T @ gain), gain, C)
+        return Updated(Covariance(self.cov - gain.T @ gain), gain, C)
 
 
-Spread: TypeAlias = Factor | Covariance
+Uncertainty: TypeAlias = Factor | Covariance
 
 
 def _growth(variance: Array, added: Array) -> tuple[Array, Array]:

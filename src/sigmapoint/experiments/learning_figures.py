@@ -1,0 +1,37 @@
+"""Figures of learning experiments."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
+
+
+def learning(found: Mapping[str, Float[np.ndarray, "R E"]], floor: float | None, what: str) -> Figure:
+    """Mean over runs against epochs, with a band of one standard error; square roots dashed over their dense form."""
+    figure = Figure(figsize=(9, 5), layout="constrained")
+    axis = figure.subplots()
+    families = list(dict.fromkeys(_family(name) for name in found))
+    for name, runs in found.items():
+        epochs, mean = np.arange(1, runs.shape[1] + 1), runs.mean(0)
+        error = runs.std(0, ddof=1) / len(runs) ** 0.5
+        colour = COLOURS[families.index(_family(name)) % len(COLOURS)]
+        root = name.startswith("SR-")
+        style = ":" if "," in name else ("--" if root else "-")
+        axis.plot(epochs, mean, style, color=colour, lw=1.5 if root else 3, alpha=1 if root else 0.45, label=name)
+        axis.fill_between(epochs, mean - error, mean + error, color=colour, alpha=0.12, lw=0)
+    if floor is not None:
+        axis.axhline(floor, color="black", lw=0.8, ls=":")
+        axis.annotate("noise", (1, floor), xytext=(0, 3), textcoords="offset points", fontsize=9)
+    axis.set_yscale("log")
+    axis.set_xlabel("epoch")
+    axis.set_ylabel(what)
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.legend(frameon=False, ncols=2)
+    return figure
+
+
+def _family(name: str) -> str:
+    return name.removeprefix("SR-").split(",")[0]
