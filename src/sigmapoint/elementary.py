@@ -4,7 +4,7 @@ In 64 bits XLA asks the C library for one number after another. Here they are po
 argument, which compute as many at once as the processor does, to within two units in the last place. Where an argument
 is too large or too small for the reduction, all of that call are left to the C library.
 
-Reduction to ±π/4 in three parts and the polynomials of sine and cosine: fdlibm (Sun Microsystems 1993), e_rem_pio2.c,
+Reduction to ±π/4 in four parts and the polynomials of sine and cosine: fdlibm (Sun Microsystems 1993), e_rem_pio2.c,
 k_sin.c, k_cos.c. Arctangent: a rational function on ±tan(π/8) (Moshier 1989, Cephes, atan.c).
 """
 
@@ -19,8 +19,13 @@ from jax.extend import core
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, Bool
 
-QUARTER = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
-"""π/2 in parts; the first two have 33 bits, so that their multiples are exact."""
+QUARTER = (
+    1.57079632673412561417e00,
+    6.07710050630396597660e-11,
+    2.02226624871116645580e-21,
+    8.47842766036889956997e-32,
+)
+"""π/2 in parts; all but the last have 33 bits, so that their multiples are exact."""
 LARGEST_ANGLE = 2.0**20
 SINE = (
     -1.66666666666666324348e-01,

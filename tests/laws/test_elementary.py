@@ -24,8 +24,11 @@ def _ulps(values, exact):
 def _angles():
     r = np.random.default_rng(0)
     near = np.arange(-40, 41) * (np.pi / 4)
+    nearest = np.array([642615.9188844458, 321307.9594422229])  # to a multiple of π/2, below 2**20
     far = r.uniform(-LARGEST_ANGLE, LARGEST_ANGLE, 2000)
-    return np.concatenate([r.uniform(-7, 7, 2000), near, np.nextafter(near, 9e9), far, 10.0 ** r.uniform(-300, 0, 500)])
+    return np.concatenate(
+        [r.uniform(-7, 7, 2000), near, np.nextafter(near, 9e9), nearest, far, 10.0 ** r.uniform(-300, 0, 500)]
+    )
 
 
 @pytest.mark.parametrize(("ours", "exact"), [(SIN, mp.sin), (COS, mp.cos)])

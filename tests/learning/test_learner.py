@@ -196,6 +196,47 @@ def test_a_precise_target_under_a_wide_prior_does_not_break_it(method, dtype):
     np.testing.assert_allclose(s.mean, 1.0, rtol=1e-2 if dtype == jnp.float32 else 1e-6)
 
 
+@ALL
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64], ids=["float32", "float64"])
+def test_no_variance_is_negative_however_long_it_learns(method, dtype):
+    """Exact targets, one input that is never there: 2,000 updates under a wide prior."""
+    r = np.random.default_rng(0)
+    x = (r.normal(size=(2000, 6)) * [1, 1, 1, 0, 1e-3, 1]).astype(dtype)
+    learner = sp.learner(
+        lambda w, x: w @ x, jnp.zeros(6, dtype), noise=1e-4, method=method, drift=sp.forgetting(0.99), prior_std=100.0
+    )
+    s, info = jax.lax.scan(lambda s, p: learner.update(s, *p), learner.init(), (x, x.sum(1)))
+    assert jnp.isfinite(info.log_likelihood).all()
+    assert (jnp.linalg.eigvalsh(s.cov) >= -1e-6 * s.std.max() ** 2).all()
+    assert (s.std > 0).all()
+    np.testing.assert_allclose(s.mean[jnp.array([0, 1, 2, 5])], 1.0, atol=0.01)
+
+
+def test_forgetting_stops_where_nothing_is_learned():
+    learner = sp.learner(lambda w, x: w @ x, jnp.zeros(2), noise=0.1, drift=sp.forgetting(0.9), prior_std=2.0)
+    x = np.stack([np.ones(500), np.zeros(500)], 1)
+    s, _ = jax.lax.scan(lambda s, p: learner.update(s, *p), learner.init(), (x, np.ones(500)))
+    np.testing.assert_allclose(s.std[1], 2000.0, rtol=1e-9)
+
+
+def test_learned_noise_recovers_from_targets_without_noise():
+    learner = sp.learner(lambda w, x: w * x, 0.0, noise=sp.learned_noise(1.0, 0.1), drift=sp.fixed(1e-4))
+    d = np.append(np.zeros(5000), 5 + np.random.default_rng(0).normal(size=2000))
+    s, _ = jax.lax.scan(lambda s, p: learner.update(s, *p), learner.init(), (np.ones(7000), d))
+    np.testing.assert_allclose(s.mean, 5.0, atol=0.3)
+    assert 0.3 < float(s.noise) < 3
+
+
+def test_states_of_many_learners_at_once():
+    learner = sp.learner(lambda w, x: w @ x, jnp.zeros(3), noise=0.1)
+    x, d = np.random.default_rng(0).normal(size=(3, 3)), np.ones(3)
+    many, _ = jax.vmap(lambda x, d: learner.update(learner.init(), x, d))(x, d)
+    for i in range(3):
+        one, _ = learner.update(learner.init(), x[i], d[i])
+        np.testing.assert_allclose(many.cov[i], one.cov, atol=1e-12)
+        np.testing.assert_allclose(many.factor[i], one.factor, atol=1e-12)
+
+
 def test_equinox_modules_are_trained_where_they_have_arrays():
     net = eqx.nn.MLP(2, 1, 4, 1, activation=jnp.tanh, key=jax.random.key(0), dtype=jnp.float64)
     learner = sp.learner(lambda net, x: net(x), net, noise=0.1)

@@ -18,6 +18,9 @@ from jaxtyping import Array, Float, Int
 from sigmapoint import checks
 from sigmapoint.learning.uncertainty import Uncertainty
 
+MOST = 1e6
+"""A forgetting factor lets no variance grow beyond so many times that of the prior."""
+
 
 @runtime_checkable
 class Drift(Protocol):
@@ -69,12 +72,18 @@ class Annealed(Schedule):
 
 @dataclass(frozen=True)
 class Forgetting(Schedule):
-    """P / λ."""
+    """P / λ, as long as that is not beyond all bounds: what is never seen would grow for ever."""
 
     factor: float
 
+    def start(self, variance: Float[Array, " L"]) -> Any:
+        return variance
+
     def added(self, memory: Any, variance: Float[Array, " L"], step: Int[Array, ""]) -> Float[Array, " L"]:
-        return variance * (1 / self.factor - 1)
+        return jnp.minimum(variance * (1 / self.factor - 1), jnp.maximum(MOST * memory - variance, 0.0))
+
+    def after(self, memory: Any, moved: Float[Array, " L"]) -> Any:
+        return memory
 
 
 @dataclass(frozen=True)
@@ -153,7 +162,8 @@ def forgetting(factor: float) -> Drift:
     """Recursive least squares' exponential forgetting: P / λ at every update.
 
     Args:
-        factor: λ in (0, 1]; what was learned n updates ago counts λⁿ. 0.9995 remembers about 2000.
+        factor: λ in (0, 1]; what was learned n updates ago counts λⁿ. 0.9995 remembers about 2000. A parameter
+            that nothing is learned about forgets no further than to a thousand times its prior standard deviation.
 
     Raises:
         ValueError: a number outside (0, 1].

@@ -15,13 +15,13 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from sigmapoint import checks, data_checks
-from sigmapoint.belief import SquareRoot
+from sigmapoint.belief import Dense
 from sigmapoint.carry import Redraw
 from sigmapoint.learning import measurement_noise
 from sigmapoint.learning.drift import Drift, fixed
 from sigmapoint.learning.measurement_noise import Known, MeasurementNoise, checked
 from sigmapoint.learning.uncertainty import Covariance, Factor, Uncertainty, View
-from sigmapoint.linalg import solve_lower
+from sigmapoint.linalg import safe_sqrt, solve_lower
 from sigmapoint.methods import Method, srcdkf
 from sigmapoint.rules.linearization import SigmaPointRule
 from sigmapoint.step import LOG_2PI
@@ -30,25 +30,25 @@ from sigmapoint.step import LOG_2PI
 class LearnerState(NamedTuple):
     """What is known about the parameters, all of them in one vector, after so many updates."""
 
-    mean: Float[Array, " L"]
+    mean: Float[Array, "*many L"]
     uncertainty: Uncertainty
     drift: Any
     noise: Array
     """of targets: a variance, variances (m,), or a covariance (m, m), in their squared units"""
-    step: Int[Array, ""]
+    step: Int[Array, "*many"]
 
     @property
-    def std(self) -> Float[Array, " L"]:
+    def std(self) -> Float[Array, "*many L"]:
         """Standard deviations, in the units of the parameters."""
-        return jnp.sqrt(jnp.maximum(self.uncertainty.variance, 0.0))
+        return safe_sqrt(self.uncertainty.variance)
 
     @property
-    def cov(self) -> Float[Array, "L L"]:
+    def cov(self) -> Float[Array, "*many L L"]:
         """Their covariance."""
         return self.uncertainty.cov
 
     @property
-    def factor(self) -> Float[Array, "L L"]:
+    def factor(self) -> Float[Array, "*many L L"]:
         """A lower factor of their covariance."""
         return self.uncertainty.factor
 
@@ -108,7 +108,9 @@ class Learner(eqx.Module):
             >>> sp.learner(lambda w, x: w * x, 0.0, noise=1.0, prior_std=2.0).init().std.tolist()
             [2.0]
         """
-        uncertainty = (Factor if self.method.belief is SquareRoot else Covariance).of(self.std)
+        # A derivative needs no points, and so no covariance either: the factor alone costs less.
+        dense = self.method.belief is Dense and isinstance(self.method.rule, SigmaPointRule)
+        uncertainty = (Covariance if dense else Factor).of(self.std)
         noise = jnp.asarray(self.noise.value, self.start.dtype)
         # Copies, so that a state may be given away.
         return LearnerState(
@@ -348,7 +350,7 @@ def _only(view: View, there: Array) -> View:
     return View(
         view.mean,
         jnp.where(rows, view.bend, 0.0),
-        jnp.where(there[None, :], view.common, 0.0),
+        jnp.where(rows, view.slope, 0.0),
         jnp.where(rows & there[None, :], view.explained, 0.0),
     )
 

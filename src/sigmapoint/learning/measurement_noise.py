@@ -9,6 +9,9 @@ from jaxtyping import Array, Float
 from sigmapoint import checks
 from sigmapoint.belief import symmetric
 
+LEAST = 1e-8
+"""A variance is not learned to be less than this part of what it started with: from zero it could not grow again."""
+
 
 @runtime_checkable
 class MeasurementNoise(Protocol):
@@ -43,7 +46,11 @@ class Learned:
 
     def after(self, value: Array, found: Float[Array, "m m"]) -> Array:
         alike = {0: lambda: jnp.mean(jnp.diagonal(found)), 1: lambda: jnp.diagonal(found), 2: lambda: symmetric(found)}
-        return (1 - self.rate) * value + self.rate * alike[value.ndim]()
+        mixed = (1 - self.rate) * value + self.rate * alike[value.ndim]()
+        least = LEAST * jnp.asarray(self.value, value.dtype)
+        if value.ndim < 2:
+            return jnp.maximum(mixed, least)
+        return mixed + jnp.diag(jnp.maximum(jnp.diagonal(least) - jnp.diagonal(mixed), 0.0))
 
 
 def covariance(value: Array, size: int) -> Float[Array, "m m"]:

@@ -1,7 +1,7 @@
 """What is known about parameters beside their mean: a factor of the covariance, or the covariance.
 
-Both see a function, take in a measurement of it, and grow between measurements, each in O(M L²) but for the Cholesky
-factor that sigma points of a covariance need (O(L³): the plain unscented filter).
+Both view a function, take in a measurement of it, and grow between measurements: a factor in O(M L²), a covariance in
+O(L³), for its points need a Cholesky factor (the plain unscented filter).
 """
 
 from collections.abc import Callable
@@ -10,11 +10,9 @@ from typing import NamedTuple, TypeAlias
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint.belief import symmetric
 from sigmapoint.learning.triangular import conditioned
-from sigmapoint.linalg import cholesky, one_where_zero, solve_lower
+from sigmapoint.linalg import cholesky, one_where_zero
 from sigmapoint.rules.linearization import Rule
-from sigmapoint.rules.taylor import Taylor
 from sigmapoint.spaces import Euclidean
 
 Step = Callable[[Float[Array, " L"]], Float[Array, " M"]]
@@ -27,8 +25,8 @@ class View(NamedTuple):
     mean: Float[Array, " M"]
     bend: Float[Array, "M k"]
     """columns of what its linearisation leaves out"""
-    common: Float[Array, "L M"]
-    """for a factor, the slope over its columns; for a covariance, that of parameters and value"""
+    slope: Float[Array, "M L"]
+    """over the columns of the factor"""
     explained: Float[Array, "M M"]
     """covariance of the value by that of the parameters"""
 
@@ -46,8 +44,8 @@ class Updated(NamedTuple):
 class Factor(NamedTuple):
     """Rows of `columns` are the columns of a lower factor S, P = S Sᵀ."""
 
-    columns: Float[Array, "L L"]
-    variance: Float[Array, " L"]
+    columns: Float[Array, "*many L L"]
+    variance: Float[Array, "*many L"]
 
     @classmethod
     def of(cls, std: Float[Array, " L"]) -> "Factor":
@@ -55,12 +53,13 @@ class Factor(NamedTuple):
         return cls(jnp.diag(std), std**2)
 
     @property
-    def factor(self) -> Float[Array, "L L"]:
-        return self.columns.T
+    def factor(self) -> Float[Array, "*many L L"]:
+        return self.columns.mT
 
     @property
-    def cov(self) -> Float[Array, "L L"]:
-        return symmetric(self.columns.T @ self.columns)
+    def cov(self) -> Float[Array, "*many L L"]:
+        P = self.columns.mT @ self.columns
+        return (P + P.mT) / 2
 
     def inflated(self, added: Float[Array, " L"]) -> "Factor":
         """With more variance in each parameter, correlations kept."""
@@ -76,16 +75,16 @@ class Factor(NamedTuple):
     def view(self, rule: Rule, g: Step) -> View:
         """Of `g`, linearised about the mean."""
         lin = rule(g, self.factor, Euclidean())
-        return View(lin.mean, lin.bend, lin.slope.T, lin.slope @ lin.slope.T)
+        return View(lin.mean, lin.bend, lin.slope, lin.slope @ lin.slope.T)
 
     def updated(self, view: View, noise: Float[Array, "M M"]) -> Updated:
         """After a measurement of what was viewed; `noise` is all of its covariance that is not explained."""
-        seen = conditioned(self.columns, view.common.T, cholesky(noise))
+        seen = conditioned(self.columns, view.slope, cholesky(noise))
         return Updated(Factor(seen.columns, seen.variance), seen.gain, seen.factor)
 
 
 class Covariance(NamedTuple):
-    """The covariance, as in the textbooks."""
+    """The covariance; its factor is found anew for every update."""
 
     cov: Float[Array, "L L"]
 
@@ -94,7 +93,7 @@ class Covariance(NamedTuple):
         return cls(jnp.diag(std**2))
 
     @property
-    def factor(self) -> Float[Array, "L L"]:
+    def factor(self) -> Float[Array, "*many L L"]:
         return cholesky(self.cov)
 
     @property
@@ -110,18 +109,15 @@ class Covariance(NamedTuple):
         return Covariance(self.cov + jnp.diag(added))
 
     def view(self, rule: Rule, g: Step) -> View:
-        if isinstance(rule, Taylor):  # a derivative needs no factor, and no O(L³)
-            lin = rule.about(g, jnp.zeros_like(self.cov[0]), self.cov, Euclidean())
-            common = self.cov @ lin.slope.T
-            return View(lin.mean, lin.bend, common, symmetric(lin.slope @ common))
-        factor = self.factor
-        lin = rule(g, factor, Euclidean())
-        return View(lin.mean, lin.bend, factor @ lin.slope.T, lin.slope @ lin.slope.T)
+        return self._factored().view(rule, g)
 
     def updated(self, view: View, noise: Float[Array, "M M"]) -> Updated:
-        C = cholesky(view.explained + noise)
-        gain = solve_lower(C, view.common.T)
-        return Updated(Covariance(self.cov - gain.T @ gain), gain, C)
+        # By way of the factor, whose square cannot have a negative variance.
+        after = self._factored().updated(view, noise)
+        return after._replace(uncertainty=Covariance(after.uncertainty.cov))
+
+    def _factored(self) -> Factor:
+        return Factor(self.factor.T, self.variance)
 
 
 Uncertainty: TypeAlias = Factor | Covariance

@@ -2,8 +2,8 @@
 
     y₁ = 2.0 cos x₁ + 1.3 cos(x₁ + x₂) + v₁,    y₂ = 2.0 sin x₁ + 1.3 sin(x₁ + x₂) + v₂,    v ~ N(0, 0.05²)
 
-with x₁ uniform over ±[0.453, 1.932] and x₂ over [0.534, 3.142]. Source: D. J. C. MacKay, "A Practical Bayesian Framework
-for Backpropagation Networks", Neural Computation 4 (1992). His own 600 rows come without a licence to pass them on; these
+with x₁ uniform over ±[0.453, 1.932] and x₂ over [0.534, 3.142]. Source: D. J. C. MacKay, "A Practical Bayesian
+Framework for Backpropagation Networks", Neural Computation 4 (1992). His own 600 rows are not passed on here; others
 are drawn from the same formula.
 """
 
@@ -41,4 +41,4 @@ def drawn(rows: int, key: Array) -> tuple[Float[Array, "N 2"], Float[Array, "N 2
 
 def mackays(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     """His own 600 rows from a folder that has them, angles and places; the first 200 are for training."""
-    return tuple(np.loadtxt(folder / f"Mackay-{what}.data") for what in ("inputs", "outputs"))
+    return np.loadtxt(folder / "Mackay-inputs.data"), np.loadtxt(folder / "Mackay-outputs.data")
