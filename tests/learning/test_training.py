@@ -41,6 +41,8 @@ def test_it_learns_and_tells_how():
     mean, std = fit.predict(x[0])
     assert abs(float(mean[0] - d[0, 0])) < 0.3
     assert 0 < float(std[0]) < 0.3
+    assert str(fit).startswith("19 parameters after 12 epochs: squared error 0.0")
+    assert fit.std_params["in"].shape == (6, 2)
 
 
 def test_it_is_the_learner_in_the_order_of_the_key():
@@ -166,7 +168,15 @@ def test_bad_settings(change, message):
 def test_a_function_that_breaks_shows_in_the_history_and_is_never_the_best():
     x = np.arange(1.0, 9.0)
     breaks = np.where(x > 6, -1.0, 1.0)  # its root is NaN
-    fit = sp.learn(lambda w, x: w * jnp.sqrt(x), 1.0, x * breaks, x, noise=1.0, epochs=2, validation=(x, x))
+    with pytest.warns(RuntimeWarning, match="not finite"):
+        fit = sp.learn(lambda w, x: w * jnp.sqrt(x), 1.0, x * breaks, x, noise=1.0, epochs=2, validation=(x, x))
     assert np.isnan(fit.history.mse).all()
     assert np.isnan(fit.history.validation).all()
+    assert float(fit.params) == 1.0
+
+
+def test_without_targets_nothing_is_said_about_errors():
+    x = np.ones(4)
+    fit = sp.learn(lambda w, x: w * x, 1.0, x, np.full(4, np.nan), noise=1.0)
+    assert np.isnan(fit.history.mse).all()
     assert float(fit.params) == 1.0

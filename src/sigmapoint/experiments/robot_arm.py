@@ -110,10 +110,12 @@ def findings(found: dict[str, Curves], last: dict[str, Mean]) -> Sequence[str]:
     """What became of the papers' claims, in words."""
     gain = mean_of(found["EKF"].test[:, -1] - found["UKF"].test[:, -1])
     second = mean_of(found["EKF"].test[:, -1] - found["SR-UKF, option 2"].test[:, -1])
+    epochs = found["EKF"].test.shape[1]
     worst = max(last, key=lambda name: last[name].value)
     return (
-        f"All end near the floor of {FLOOR:.4f}: from {min(m.value for m in last.values()):.5f} to "
-        f"{last[worst].value:.5f} ({worst}).",
+        f"No network can be better than the noise, {FLOOR:.4f} per output. Mean errors after {epochs} epochs go from "
+        f"{min(m.value for m in last.values()):.5f} to {last[worst].value:.5f} ({worst}).",
+        "The papers show curves and print no numbers.",
         f'"Slightly lower final MSE of the UKF": {_decided(gain)}. EKF minus UKF on the same starts: '
         f"{gain.value:+.1e} ± {gain.spread:.0e}.",
         f'"Indistinguishable with option 2": EKF minus SR-UKF with option 2 is {second.value:+.1e} '

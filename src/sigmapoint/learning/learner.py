@@ -177,7 +177,7 @@ class Learner(eqx.Module):
 
         Args:
             state: from `init` or `update`.
-            x: the input.
+            x: one input; for many, `jax.vmap(lambda x: learner.predict(state, x))(xs)`.
 
         Returns:
             Mean and standard deviation, of the shape of a target.

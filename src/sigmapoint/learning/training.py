@@ -3,6 +3,7 @@
 import hashlib
 import os
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +23,10 @@ from sigmapoint.storage import load, save
 WORK = 2e8
 """Products in one call, about: between two calls there is time for progress, checkpoints and Ctrl-C."""
 LONGEST_CALL = 1000
+NOT_FINITE = (
+    "the function's values, or their spread, are not finite: sigma points may reach where it is not defined. A smaller "
+    "prior_std, sp.srekf(), or parameters on another scale (logarithms) may help"
+)
 SAVED_EVERY = 30.0
 """Seconds between checkpoints within an epoch."""
 
@@ -57,9 +62,20 @@ class Fit(NamedTuple):
         """The parameters, as the pytree that training began with."""
         return self.learner.params(self.state)
 
+    @property
+    def std_params(self) -> Any:
+        """Their standard deviations, likewise; every epoch counts the data again, and makes them smaller."""
+        return self.learner.std_params(self.state)
+
     def predict(self, x: Any) -> Any:
-        """As `Learner.predict`."""
+        """As `Learner.predict`, for one input."""
         return self.learner.predict(self.state, x)
+
+    def __str__(self) -> str:
+        errors = self.history.validation
+        checked = "" if np.isnan(errors).all() else f", {np.nanmin(errors):.4g} in validation"
+        last = f"squared error {self.history.mse[-1]:.4g}"
+        return f"{self.state.mean.shape[0]} parameters after {self.history.epochs} epochs: {last}{checked}"
 
 
 class Progress(NamedTuple):
@@ -118,6 +134,9 @@ def learn(
 ) -> Fit:
     """Train a function on pairs of inputs and targets.
 
+    Every epoch counts all pairs again: with more than one, error bars say more than the data do, by √epochs. For error
+    bars take one epoch, from the parameters that more epochs have found.
+
     Args:
         function: as for `learner`, like all up to `prior_std`.
         w0: where to start.
@@ -152,6 +171,8 @@ def learn(
         >>> round(float(fit.params["a"]), 2), fit.history.mse.shape
         (3.0, (2,))
     """
+    if validation is not None and not (isinstance(validation, tuple | list) and len(validation) == 2):
+        raise ValueError("validation must be a pair (inputs, targets)")
     one = learner(function, w0, noise=noise, method=method, drift=drift, prior_std=prior_std)
     x, d = one.checked(inputs, targets)
     one.fits(x, d)
@@ -178,6 +199,8 @@ def learn(
             if checkpoint is not None and (now - saved >= SAVED_EVERY or (finished and run.over(at))):
                 _save(Path(checkpoint), identity, at)
                 saved = now
+            if finished and not np.isfinite(at.history.mse[int(at.epoch) - 1]) and run.known:
+                warnings.warn(NOT_FINITE, RuntimeWarning, stacklevel=2)
             if progress is not None:
                 progress(run.progress(at, first, now - begun))
     except KeyboardInterrupt:
@@ -198,6 +221,11 @@ class Training(NamedTuple):
     key: Any
     held: tuple[Any, Array] | None
     patience: int | None
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a target at all."""
+        return bool((~np.isnan(self.d)).any())
 
     @property
     def updates(self) -> int:
@@ -240,7 +268,8 @@ class Training(NamedTuple):
         squares, nis, likelihood, count = at.sums
         error = np.nan if self.held is None else float(_error(self.learner, at.state, *self.held))
         history = History(*(column.copy() for column in at.history))
-        for column, value in zip(history, (squares / max(count, 1), nis / max(count, 1), likelihood, error)):
+        count = count or np.nan
+        for column, value in zip(history, (squares / count, nis / count, likelihood, error)):
             column[int(at.epoch)] = value
         earlier = np.fmin.reduce(at.history.validation[: int(at.epoch)], initial=np.inf)
         best = at.state if error < earlier else at.best
@@ -315,7 +344,9 @@ def _resumed(path: Path, identity: np.ndarray, at: Position) -> Position:
         with jax.enable_x64(True):  # counts and sums are of 64 bits in any case
             fingerprint, found = load(path, like=(identity, at))
     except ValueError as error:
-        raise ValueError(f"checkpoint {path} is not of this training: {error}") from error
+        raise ValueError(
+            f"checkpoint {path} is not of this training (parameters, epochs and method must be the same): {error}"
+        ) from error
     if (np.asarray(fingerprint) != identity).any():
         raise ValueError(
             f"checkpoint {path} is of a training with other data or settings: delete it, or choose another file"
