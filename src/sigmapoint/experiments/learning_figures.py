@@ -1,5 +1,6 @@
 """Figures of learning experiments."""
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,13 +15,14 @@ def learning(found: Mapping[str, Float[np.ndarray, "R E"]], floor: float | None,
     figure = Figure(figsize=(9, 5), layout="constrained")
     axis = figure.subplots()
     families = list(dict.fromkeys(_family(name) for name in found))
+    variants = itertools.cycle((":", "-.", (0, (1, 4))))
     for name, runs in found.items():
         epochs, mean = np.arange(1, runs.shape[1] + 1), runs.mean(0)
         error = runs.std(0, ddof=1) / len(runs) ** 0.5
         colour = COLOURS[families.index(_family(name)) % len(COLOURS)]
         root = name.startswith("SR-")
-        style = ":" if "," in name else ("--" if root else "-")
-        axis.plot(epochs, mean, style, color=colour, lw=1.5 if root else 3, alpha=1 if root else 0.45, label=name)
+        style = next(variants) if "," in name else ("--" if root else "-")
+        axis.plot(epochs, mean, ls=style, color=colour, lw=1.5 if root else 3, alpha=1 if root else 0.45, label=name)
         axis.fill_between(epochs, mean - error, mean + error, color=colour, alpha=0.12, lw=0)
     if floor is not None:
         axis.axhline(floor, color="black", lw=0.8, ls=":")
