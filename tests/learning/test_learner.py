@@ -61,7 +61,26 @@ def test_linear_models_with_forgetting_are_recursive_least_squares(method, L):
     np.testing.assert_allclose(found[-1].std, np.sqrt(np.diag(P)), rtol=1e-9)
 
 
-@pytest.mark.parametrize("rule", ["ekf", "ukf", "cdkf"])
+@pytest.mark.parametrize("method", [sp.ekf(), sp.srekf()], ids=["ekf", "srekf"])
+@pytest.mark.parametrize("hidden", [3, 12])
+def test_the_extended_filter_is_the_textbooks(method, hidden):
+    g, w0 = network(hidden)
+    flat, unravel = jax.flatten_util.ravel_pytree(w0)
+    f = jax.jit(lambda v, x: g(unravel(v), x))
+    slope = jax.jit(jax.jacfwd(f))
+    r = np.random.default_rng(3)
+    x, d = r.normal(size=(30, 2)), r.normal(size=(30, 2))
+    found = states(sp.learner(g, w0, noise=0.05, method=method, drift=sp.forgetting(0.99), prior_std=0.3), x, d)
+    w, P = np.asarray(flat), 0.09 * np.eye(len(flat))
+    for a, b in zip(x, d):
+        P, H = P / 0.99, np.asarray(slope(w, a))
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + 0.05 * np.eye(2))
+        w, P = w + K @ (b - np.asarray(f(w, a))), P - K @ H @ P
+    np.testing.assert_allclose(found[-1].mean, w, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(found[-1].cov, P, rtol=1e-7, atol=1e-10)
+
+
+@pytest.mark.parametrize("rule", ["ukf", "cdkf"])
 @pytest.mark.parametrize("hidden", [3, 12])
 def test_square_root_and_dense_agree(rule, hidden):
     g, w = network(hidden)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 
@@ -28,6 +29,7 @@ def learning(found: Mapping[str, Float[np.ndarray, "R E"]], floor: float | None,
         axis.axhline(floor, color="black", lw=0.8, ls=":")
         axis.annotate("noise", (1, floor), xytext=(0, 3), textcoords="offset points", fontsize=9)
     axis.set_yscale("log")
+    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     axis.set_xlabel("epoch")
     axis.set_ylabel(what)
     axis.spines[["top", "right"]].set_visible(False)

@@ -20,10 +20,11 @@ from sigmapoint.carry import Redraw
 from sigmapoint.learning import measurement_noise
 from sigmapoint.learning.drift import Drift, fixed
 from sigmapoint.learning.measurement_noise import Known, MeasurementNoise, checked
-from sigmapoint.learning.uncertainty import Covariance, Factor, Uncertainty, View
-from sigmapoint.linalg import safe_sqrt, solve_lower
+from sigmapoint.learning.uncertainty import Covariance, Factor, Uncertainty
+from sigmapoint.linalg import norm_rows, safe_sqrt, solve_lower
 from sigmapoint.methods import Method, srcdkf
-from sigmapoint.rules.linearization import SigmaPointRule
+from sigmapoint.rules.linearization import Linearization, SigmaPointRule
+from sigmapoint.spaces import Euclidean
 from sigmapoint.step import LOG_2PI
 
 
@@ -318,14 +319,15 @@ def updated(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[Le
     uncertainty = learner.drift.inflated(
         state.uncertainty, learner.drift.added(state.drift, state.uncertainty.variance, state.step)
     )
-    view = _view(learner, state._replace(uncertainty=uncertainty), x)
+    factor = uncertainty.factored
+    lin = _linearized(learner, state.mean, factor, x)
     there = ~jnp.isnan(jnp.ravel(d))
     R = jnp.kron(jnp.eye(targets, dtype=cov.dtype), cov)
-    view = _only(view, there)
+    slope, bend = (jnp.where(there[:, None], part, 0.0) for part in (lin.slope, lin.bend))
     known = jnp.where(there[:, None] & there[None, :], R, 0.0)
-    noise = known + view.bend @ view.bend.T + jnp.diag(jnp.where(there, 0.0, 1.0))
-    innovation = jnp.where(there, jnp.ravel(d) - view.mean, 0.0)
-    learned = uncertainty.updated(view, noise)
+    noise = known + bend @ bend.T + jnp.diag(jnp.where(there, 0.0, 1.0))
+    innovation = jnp.where(there, jnp.ravel(d) - lin.mean, 0.0)
+    learned = factor.updated(slope, noise)
     white = solve_lower(learned.factor, innovation)
     moved = learned.gain.T @ white
     found = measurement_noise.expected(R, white, solve_lower(learned.factor, known))
@@ -333,7 +335,7 @@ def updated(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[Le
     found = jnp.einsum("bibj->ij", found.reshape(targets, m, targets, m)) / targets
     after = LearnerState(
         state.mean + moved,
-        learned.uncertainty,
+        uncertainty.carried(learned.uncertainty),
         learner.drift.after(state.drift, moved),
         learner.noise.after(state.noise, found),
         state.step + 1,
@@ -341,28 +343,19 @@ def updated(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[Le
     nis = jnp.sum(white**2)
     count = jnp.sum(there, dtype=nis.dtype)
     log_density = -0.5 * (nis + count * LOG_2PI) - jnp.sum(jnp.log(jnp.diagonal(learned.factor)))
-    return after, LearnerInfo(view.mean, jnp.where(there, innovation, jnp.nan), nis, log_density)
+    return after, LearnerInfo(lin.mean, jnp.where(there, innovation, jnp.nan), nis, log_density)
 
 
-def _only(view: View, there: Array) -> View:
-    """Without the elements that are not there."""
-    rows = there[:, None]
-    return View(
-        view.mean,
-        jnp.where(rows, view.bend, 0.0),
-        jnp.where(rows, view.slope, 0.0),
-        jnp.where(rows & there[None, :], view.explained, 0.0),
-    )
-
-
-def _view(learner: Learner, state: LearnerState, x: Any) -> View:
-    return state.uncertainty.view(learner.method.rule, lambda step: jnp.ravel(learner.values(state.mean + step, x)))
+def _linearized(learner: Learner, mean: Array, factor: Factor, x: Any) -> Linearization:
+    """The function of the parameters for these inputs, about their mean."""
+    values = learner.values
+    return learner.method.rule(lambda step: jnp.ravel(values(mean + step, x)), factor.factor, Euclidean())
 
 
 @eqx.filter_jit
 def _predicted(learner: Learner, state: LearnerState, x: Any) -> Prediction:
     x = jax.tree.map(lambda a: a[None], x)
     shape = jax.eval_shape(learner.values, learner.start, x).shape[1:]
-    view = _view(learner, state, x)
-    variance = jnp.diagonal(view.explained) + jnp.sum(view.bend**2, axis=1)
-    return Prediction(view.mean.reshape(shape), jnp.sqrt(jnp.maximum(variance, 0.0)).reshape(shape))
+    lin = _linearized(learner, state.mean, state.uncertainty.factored, x)
+    std = norm_rows(jnp.concatenate([lin.slope, lin.bend], axis=1))
+    return Prediction(lin.mean.reshape(shape), std.reshape(shape))

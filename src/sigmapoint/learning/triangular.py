@@ -31,7 +31,7 @@ GROUPS = 4
 """Parts of the factor in which the columns left of the diagonal are left out."""
 
 
-class Seen(NamedTuple):
+class Conditioned(NamedTuple):
     """What a measurement makes of a factor."""
 
     columns: Float[Array, "L L"]
@@ -44,38 +44,38 @@ class Seen(NamedTuple):
     """diagonal of S⁺ S⁺ᵀ"""
 
 
-def conditioned(columns: Float[Array, "L L"], slope: Float[Array, "M L"], factor: Float[Array, "M M"]) -> Seen:
+def conditioned(columns: Float[Array, "L L"], slope: Float[Array, "M L"], factor: Float[Array, "M M"]) -> Conditioned:
     """The factor S = `columns`ᵀ after a measurement with this slope and this factor of its noise."""
     L, M = columns.shape[0], slope.shape[0]
-    seen = Seen(columns, jnp.zeros((M, L), columns.dtype), factor, jnp.zeros(L, columns.dtype))
+    given = Conditioned(columns, jnp.zeros((M, L), columns.dtype), factor, jnp.zeros(L, columns.dtype))
     size = min(BLOCK, L)
     blocks, rest = divmod(L, size)
     if rest:
-        seen = _taken(seen, slope, L - rest, rest, L - rest)
+        given = _taken(given, slope, L - rest, rest, L - rest)
     for group in reversed(range(GROUPS)):
         first, last = blocks * group // GROUPS, blocks * (group + 1) // GROUPS
 
-        def one(i: Array, seen: Seen, first: int = first, last: int = last) -> Seen:
-            return _taken(seen, slope, (last - 1 - i) * size, size, first * size)
+        def one(i: Array, given: Conditioned, first: int = first, last: int = last) -> Conditioned:
+            return _taken(given, slope, (last - 1 - i) * size, size, first * size)
 
-        seen = jax.lax.fori_loop(0, last - first, one, seen) if last > first else seen
-    return seen
+        given = jax.lax.fori_loop(0, last - first, one, given) if last > first else given
+    return given
 
 
-def _taken(seen: Seen, slope: Array, start: Array | int, size: int, left: int) -> Seen:
+def _taken(given: Conditioned, slope: Array, start: Array | int, size: int, left: int) -> Conditioned:
     """After the columns from `start` on; all before `left` is zero in them."""
-    L, M = seen.columns.shape[0], slope.shape[0]
+    L, M = given.columns.shape[0], slope.shape[0]
     phi = jax.lax.dynamic_slice_in_dim(slope, start, size, 1)
     eye = jnp.eye(size, dtype=phi.dtype)
-    C, Q = orthogonalized(jnp.block([[seen.factor, phi], [jnp.zeros((size, M), phi.dtype), eye]]))
+    C, Q = orthogonalized(jnp.block([[given.factor, phi], [jnp.zeros((size, M), phi.dtype), eye]]))
     # [0 I] Qᵀ is what stands below C⁺, exactly triangular there.
     Q = jnp.concatenate([Q[:, :M], C[M:].T], axis=1)
-    block = jax.lax.dynamic_slice(seen.columns, (start, left), (size, L - left))
-    both = Q @ jnp.concatenate([seen.gain[:, left:], block])
+    block = jax.lax.dynamic_slice(given.columns, (start, left), (size, L - left))
+    both = Q @ jnp.concatenate([given.gain[:, left:], block])
     after = both[M:]
-    return Seen(
-        jax.lax.dynamic_update_slice(seen.columns, after, (start, left)),
-        seen.gain.at[:, left:].set(both[:M]),
+    return Conditioned(
+        jax.lax.dynamic_update_slice(given.columns, after, (start, left)),
+        given.gain.at[:, left:].set(both[:M]),
         C[:M, :M],
-        seen.variance.at[left:].add(jnp.sum(after**2, axis=0)),
+        given.variance.at[left:].add(jnp.sum(after**2, axis=0)),
     )

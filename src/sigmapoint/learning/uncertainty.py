@@ -1,10 +1,9 @@
 """What is known about parameters beside their mean: a factor of the covariance, or the covariance.
 
-Both view a function, take in a measurement of it, and grow between measurements: a factor in O(M L²), a covariance in
-O(L³), for its points need a Cholesky factor (the plain unscented filter).
+Both grow between measurements. Points are drawn from a factor, and a measurement is taken in by one, in O(M L²): so a
+covariance cannot get a negative variance, but costs a Cholesky factor each time, O(L³) (the plain unscented filter).
 """
 
-from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
 import jax.numpy as jnp
@@ -12,29 +11,12 @@ from jaxtyping import Array, Float
 
 from sigmapoint.learning.triangular import conditioned
 from sigmapoint.linalg import cholesky, one_where_zero
-from sigmapoint.rules.linearization import Rule
-from sigmapoint.spaces import Euclidean
-
-Step = Callable[[Float[Array, " L"]], Float[Array, " M"]]
-"""A function of a displacement of the parameters."""
-
-
-class View(NamedTuple):
-    """What a function says about parameters, and they about it."""
-
-    mean: Float[Array, " M"]
-    bend: Float[Array, "M k"]
-    """columns of what its linearisation leaves out"""
-    slope: Float[Array, "M L"]
-    """over the columns of the factor"""
-    explained: Float[Array, "M M"]
-    """covariance of the value by that of the parameters"""
 
 
 class Updated(NamedTuple):
     """What a measurement has changed."""
 
-    uncertainty: "Uncertainty"
+    uncertainty: "Factor"
     gain: Float[Array, "M L"]
     """the gain times the factor of the innovation, transposed"""
     factor: Float[Array, "M M"]
@@ -72,15 +54,20 @@ class Factor(NamedTuple):
         more = jnp.sqrt(own**2 + added) - own
         return Factor(self.columns + jnp.diag(more), self.variance + more * (2 * own + more))
 
-    def view(self, rule: Rule, g: Step) -> View:
-        """Of `g`, linearised about the mean."""
-        lin = rule(g, self.factor, Euclidean())
-        return View(lin.mean, lin.bend, lin.slope, lin.slope @ lin.slope.T)
+    def updated(self, slope: Float[Array, "M L"], noise: Float[Array, "M M"]) -> Updated:
+        """After a measurement with this slope over the columns; `noise` is the rest of its covariance."""
+        after = conditioned(self.columns, slope, cholesky(noise))
+        return Updated(Factor(after.columns, after.variance), after.gain, after.factor)
 
-    def updated(self, view: View, noise: Float[Array, "M M"]) -> Updated:
-        """After a measurement of what was viewed; `noise` is all of its covariance that is not explained."""
-        seen = conditioned(self.columns, view.slope, cholesky(noise))
-        return Updated(Factor(seen.columns, seen.variance), seen.gain, seen.factor)
+    @property
+    def factored(self) -> "Factor":
+        """As a factor."""
+        return self
+
+    @classmethod
+    def carried(cls, factor: "Factor") -> "Factor":
+        """From a factor, as it is carried to the next update."""
+        return factor
 
 
 class Covariance(NamedTuple):
@@ -108,16 +95,13 @@ class Covariance(NamedTuple):
         """P + diag(added)."""
         return Covariance(self.cov + jnp.diag(added))
 
-    def view(self, rule: Rule, g: Step) -> View:
-        return self._factored().view(rule, g)
-
-    def updated(self, view: View, noise: Float[Array, "M M"]) -> Updated:
-        # By way of the factor, whose square cannot have a negative variance.
-        after = self._factored().updated(view, noise)
-        return after._replace(uncertainty=Covariance(after.uncertainty.cov))
-
-    def _factored(self) -> Factor:
+    @property
+    def factored(self) -> Factor:
         return Factor(self.factor.T, self.variance)
+
+    @classmethod
+    def carried(cls, factor: Factor) -> "Covariance":
+        return cls(factor.cov)
 
 
 Uncertainty: TypeAlias = Factor | Covariance
