@@ -15,6 +15,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from sigmapoint.native import gram, materialized, product, small
@@ -191,8 +192,8 @@ def _by_cholesky(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[Arr
     n = A.shape[0]
     P = gram(A.T)
     there = jnp.diagonal(P) != 0
-    P = jnp.where(jnp.diag(~there), 1.0, P)
-    L = _left_looking(P) if small(n) else jnp.linalg.cholesky(P, symmetrize_input=False)
+    P = materialized(jnp.where(jnp.diag(~there), 1.0, P))
+    L = materialized(_left_looking(P) if small(n) else jnp.linalg.cholesky(P, symmetrize_input=False))
     Q = solve_lower(L, A)
     E = gram(Q.T) - jnp.diag(there.astype(A.dtype))
     H = _half(E)
@@ -205,7 +206,8 @@ def _by_cholesky(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[Arr
 
 def _half(S: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """The lower triangular `H` with `H + Hᵀ = S`."""
-    return jnp.tril(S) - jnp.diag(jnp.diagonal(S) / 2)
+    n = S.shape[0]
+    return S * ((np.tri(n) + np.tri(n, k=-1)) / 2).astype(S.dtype)
 
 
 def _written_out(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[Array, "n k"]]:
@@ -213,7 +215,7 @@ def _written_out(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[Arr
     n, k = A.shape
     rows, taken = [], jnp.zeros((0, k), A.dtype)
     for j in range(n):
-        along, pivot, row = _projected(A[j], taken)
+        along, pivot, row = _projected(A[j], taken, unrolled=True)
         rows.append(materialized(jnp.append(along, pivot)))
         taken = jnp.concatenate([taken, materialized(row)[None]])
     return jnp.stack([jnp.pad(row, (0, n - 1 - j)) for j, row in enumerate(rows)]), taken
@@ -230,22 +232,25 @@ def _row_by_row(A: Float[Array, "n k"]) -> tuple[Float[Array, "n n"], Float[Arra
 
     def take(carry: tuple[Array, Array], j: Array) -> tuple[tuple[Array, Array], None]:
         L, Q = carry
-        along, pivot, row = _projected(A[j], Q)
+        along, pivot, row = _projected(A[j], Q, unrolled=False)
         along = jnp.where(jnp.arange(n) == j, pivot, along)
         return (L.at[j].set(along), Q.at[j].set(row)), None
 
     return jax.lax.scan(take, (jnp.zeros((n, n), A.dtype), jnp.zeros_like(A)), jnp.arange(n))[0]
 
 
-def _projected(row: Float[Array, " k"], Q: Float[Array, "j k"]) -> tuple[Array, Array, Array]:
+def _projected(row: Array, Q: Float[Array, "j k"], *, unrolled: bool) -> tuple[Array, Array, Array]:
     """The components of a row along those of Q, the length of what is left, and its direction."""
-    along = jnp.zeros(Q.shape[0], row.dtype)
-    before = after = jnp.sum(row**2)
-    for _ in range(3 if Q.shape[0] else 0):
+    length = jnp.sum(row**2)
+
+    def once_more(_: Any, carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        along, row, _, before = carry
         part = materialized(jnp.sum(Q * row[None, :], axis=1))
         row = materialized(row - jnp.sum(Q * part[:, None], axis=0))
-        along = along + part
-        before, after = after, jnp.sum(row**2)
+        return along + part, row, before, jnp.sum(row**2)
+
+    start = (jnp.zeros(Q.shape[0], row.dtype), row, length, length)
+    along, row, before, after = jax.lax.fori_loop(0, 3, once_more, start, unroll=3 if unrolled else 1)
     # What a third pass still finds along the rows before is round-off that has no direction of its own.
     row = jnp.where(after < 0.5 * before, 0.0, row)
     pivot = safe_sqrt(jnp.sum(row**2))
