@@ -9,8 +9,10 @@ from sigmapoint.comparison import Comparison, compare
 from sigmapoint.diagnostics import diagnose
 from sigmapoint.filtering import filter
 from sigmapoint.learning.drift import annealed, fixed, forgetting, on_diagonal, robbins_monro
-from sigmapoint.learning.learner import Learner, LearnerInfo, LearnerState, Prediction, learner
+from sigmapoint.learning.learner import Learner, learner
 from sigmapoint.learning.measurement_noise import learned_noise
+from sigmapoint.learning.objectives import cross_entropy, recurrent, residual
+from sigmapoint.learning.state import LearnerInfo, LearnerState, Prediction
 from sigmapoint.learning.training import Fit, History, Progress, learn
 from sigmapoint.methods import (
     Method,
@@ -84,6 +86,7 @@ __all__ = [
     "cdkf",
     "ckf",
     "compare",
+    "cross_entropy",
     "diagnose",
     "ekf",
     "extended_set",
@@ -100,7 +103,9 @@ __all__ = [
     "load",
     "on_diagonal",
     "online",
+    "recurrent",
     "report",
+    "residual",
     "robbins_monro",
     "rts",
     "save",

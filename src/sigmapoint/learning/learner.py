@@ -4,76 +4,32 @@ Source: Wan & van der Merwe, "The Unscented Kalman Filter" (2001), Table 7.4.1; 
 Unscented Kalman Filter for State and Parameter-Estimation" (2001), Algorithm 3.2, without its downdates: `triangular`.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float, Int
+from jax.sharding import Mesh
+from jaxtyping import Array, Float
 
 from sigmapoint import checks, data_checks
 from sigmapoint.belief import Dense
 from sigmapoint.carry import Redraw
-from sigmapoint.learning import measurement_noise
+from sigmapoint.learning import measurement_noise, sharding
 from sigmapoint.learning.drift import Drift, fixed
-from sigmapoint.learning.measurement_noise import Known, MeasurementNoise, checked
-from sigmapoint.learning.uncertainty import Covariance, Factor, Uncertainty
-from sigmapoint.linalg import norm_rows, safe_sqrt, solve_lower
+from sigmapoint.learning.measurement_noise import Known, MeasurementNoise
+from sigmapoint.learning.objectives import Objective, objective
+from sigmapoint.learning.parameters import Parameters
+from sigmapoint.learning.state import LearnerInfo, LearnerState, Memory, Prediction
+from sigmapoint.learning.triangular import GROUPS
+from sigmapoint.learning.uncertainty import Covariance, Factor
+from sigmapoint.linalg import norm_rows, solve_lower, solve_upper
 from sigmapoint.methods import Method, srcdkf
 from sigmapoint.rules.linearization import Linearization, SigmaPointRule
 from sigmapoint.spaces import Euclidean
 from sigmapoint.step import LOG_2PI
-
-
-class LearnerState(NamedTuple):
-    """What is known about the parameters, all of them in one vector, after so many updates."""
-
-    mean: Float[Array, "*many L"]
-    uncertainty: Uncertainty
-    drift: Any
-    noise: Array
-    """of targets: a variance, variances (m,), or a covariance (m, m), in their squared units"""
-    step: Int[Array, "*many"]
-
-    @property
-    def std(self) -> Float[Array, "*many L"]:
-        """Standard deviations, in the units of the parameters."""
-        return safe_sqrt(self.uncertainty.variance)
-
-    @property
-    def cov(self) -> Float[Array, "*many L L"]:
-        """Their covariance."""
-        return self.uncertainty.cov
-
-    @property
-    def factor(self) -> Float[Array, "*many L L"]:
-        """A lower factor of their covariance."""
-        return self.uncertainty.factor
-
-
-class LearnerInfo(NamedTuple):
-    """What a target looked like before it was learned from."""
-
-    prediction: Float[Array, " M"]
-    """in the units of the target"""
-    innovation: Float[Array, " M"]
-    """target minus prediction; NaN where there was none"""
-    nis: Float[Array, ""]
-    """Normalised innovation squared [1], over the elements there were: their number on average if all is right."""
-    log_likelihood: Float[Array, ""]
-    """Natural logarithm of the predicted density of the target."""
-
-
-class Prediction(NamedTuple):
-    """A function's value with what the parameters leave open."""
-
-    mean: Array
-    """in the units of the targets"""
-    std: Array
-    """standard deviation by the parameters alone, without the noise of targets"""
 
 
 class Learner(eqx.Module):
@@ -89,14 +45,12 @@ class Learner(eqx.Module):
         {'a': 3.0, 'b': -1.0}
     """
 
-    function: Callable[[Any, Any], Any] = eqx.field(static=True)
-    start: Float[Array, " L"]
-    std: Float[Array, " L"]
-    rest: Any
-    unravel: Callable[[Array], Any] = eqx.field(static=True)
+    objective: Objective
+    parameters: Parameters
     method: Method = eqx.field(static=True)
     drift: Drift = eqx.field(static=True)
     noise: MeasurementNoise = eqx.field(static=True)
+    mesh: Mesh | None = eqx.field(static=True)
 
     def init(self) -> LearnerState:
         """The state before the first sample.
@@ -109,14 +63,25 @@ class Learner(eqx.Module):
             >>> sp.learner(lambda w, x: w * x, 0.0, noise=1.0, prior_std=2.0).init().std.tolist()
             [2.0]
         """
+        start, std = self.parameters.start, self.parameters.std
         # A derivative needs no points, and so no covariance either: the factor alone costs less.
         dense = self.method.belief is Dense and isinstance(self.method.rule, SigmaPointRule)
-        uncertainty = (Covariance if dense else Factor).of(self.std)
-        noise = jnp.asarray(self.noise.value, self.start.dtype)
-        # Copies, so that a state may be given away.
-        return LearnerState(
-            jnp.array(self.start), uncertainty, self.drift.start(self.std**2), noise, jnp.zeros((), int)
+        state = LearnerState(
+            jnp.array(start),  # a copy, so that a state may be given away
+            (Covariance if dense else Factor).of(std),
+            self.drift.start(std**2),
+            jnp.asarray(self.noise.value, start.dtype),
+            self.forgotten,
+            jnp.zeros((), int),
         )
+        return sharding.spread(state, self.mesh, start.shape[0])
+
+    @property
+    def forgotten(self) -> Memory:
+        """What a recurrent function remembers before the first input of a series."""
+        start = self.parameters.start
+        remembered = jnp.array(self.objective.remembered(start.dtype))  # a copy, as above
+        return Memory(remembered, jnp.zeros((remembered.shape[0], start.shape[0]), start.dtype))
 
     def params(self, state: LearnerState) -> Any:
         """The parameters, as the pytree they were given in.
@@ -127,7 +92,7 @@ class Learner(eqx.Module):
         Returns:
             Their means.
         """
-        return self._tree(state.mean)
+        return self.parameters.tree(state.mean)
 
     def std_params(self, state: LearnerState) -> Any:
         """Standard deviations of the parameters, as the pytree they were given in.
@@ -138,7 +103,7 @@ class Learner(eqx.Module):
         Returns:
             Them, in place of the parameters.
         """
-        return self._tree(state.std)
+        return self.parameters.tree(state.std)
 
     def update(self, state: LearnerState, x: Any, d: Any) -> tuple[LearnerState, LearnerInfo]:
         """Learn from one pair.
@@ -155,14 +120,14 @@ class Learner(eqx.Module):
             ValueError: a target of another shape than the prediction, NaN or infinity in `x`, infinity in `d`.
         """
         checks.unmasked("target", d)
-        return self.update_batch(state, jax.tree.map(_alone, x), _alone(d))
+        return self.update_batch(state, jax.tree.map(_alone, x), jax.tree.map(_alone, d, is_leaf=_listed))
 
     def update_batch(self, state: LearnerState, x: Any, d: Any) -> tuple[LearnerState, LearnerInfo]:
         """Learn from several pairs at once, as one long target.
 
         Args:
             state: from `init` or `update`.
-            x: inputs, any pytree whose leaves have a leading axis B.
+            x: inputs, any pytree whose leaves have a leading axis B; a recurrent function takes them in this order.
             d: targets (B, ...); NaN where they are not known.
 
         Returns:
@@ -190,47 +155,48 @@ class Learner(eqx.Module):
             >>> float(mean), round(float(std), 6)
             (20.0, 5.0)
         """
-        return _predicted(self, state, data_checks.inputs(x, None, self.start.dtype, "input"))
+        return _predicted(self, state, data_checks.inputs(x, None, self.parameters.start.dtype, "input"))
 
     def checked(self, x: Any, d: Any) -> tuple[Any, Any]:
-        """Inputs and targets with a leading axis, as arrays."""
-        checks.unmasked("targets", d)
-        d = d if isinstance(d, np.ndarray) and d.dtype == self.start.dtype else checks.array("targets", d)
-        if d.ndim == 0 or d.shape[0] == 0:
-            raise ValueError(f"targets must be (B, ...) with B >= 1, got shape {d.shape}")
-        if checks.known(d) and bool(np.isinf(d).any()):
-            raise ValueError("targets have infinite values; what is not known is NaN")
-        x = data_checks.inputs(x, d.shape[0], self.start.dtype, "inputs", "targets")
-        return x, d.astype(self.start.dtype)
-
-    def _tree(self, w: Float[Array, " L"]) -> Any:
-        return eqx.combine(self.unravel(w), self.rest)
+        """Inputs and targets of `values`, as arrays with a leading axis; nothing for targets that are zero."""
+        return self.objective.checked(x, d, self.parameters.start.dtype)
 
     def values(self, w: Float[Array, " L"], x: Any) -> Float[Array, "B ..."]:
-        """Those for several inputs."""
-        tree = self._tree(w)
-        return jax.vmap(lambda x: jnp.asarray(self.function(tree, x)).astype(w.dtype))(x)
+        """What should equal targets, for several inputs; of a recurrent function, for a series from its beginning."""
+        memory = self.objective.remembered(w.dtype)
+        return self.objective.values(self.parameters.tree(w), memory, x)[0].astype(w.dtype)
 
-    def fits(self, x: Any, d: Any) -> None:
-        """Raise ValueError where the function does not give what is shaped like a target."""
-        shape = jax.eval_shape(self.values, self.start, x).shape[1:]
-        if shape != d.shape[1:]:
-            raise ValueError(f"a target has shape {d.shape[1:]}, but the function gives {shape} for its input")
+    def targets(self, x: Any, d: Array | np.ndarray | None) -> Array:
+        """Those of `values`: as given, or zero.
+
+        Raises:
+            ValueError: the function does not give what is shaped like a target.
+        """
+        value = jax.eval_shape(self.values, self.parameters.start, x)
+        if d is None:
+            return jnp.zeros(value.shape, value.dtype)
+        if value.shape[1:] != d.shape[1:]:
+            raise ValueError(
+                f"a target has shape {d.shape[1:]}, but the function gives {value.shape[1:]} for its input"
+            )
+        return jnp.asarray(d)
 
 
 def learner(
-    function: Callable[[Any, Any], Any],
+    function: Callable[[Any, Any], Any] | Objective,
     w0: Any,
     *,
     noise: Any,
     method: Method | None = None,
     drift: Drift | None = None,
     prior_std: Any = 1.0,
+    devices: Sequence[Any] | None = None,
 ) -> Learner:
     """Learn the parameters of a function from pairs of inputs and targets, one at a time, with error bars.
 
     Args:
-        function: `function(w, x)`, the prediction for input `x`, any shape.
+        function: `function(w, x)`, the prediction for input `x`, any shape; or what `residual`, `cross_entropy` or
+            `recurrent` make.
         w0: where to start: any pytree of floating-point arrays and numbers (dicts, Equinox modules). Other leaves stay
             as they are.
         noise: how far targets are from a perfect prediction: one variance for all elements of a target, one for each,
@@ -239,13 +205,15 @@ def learner(
             roots and `ekf` cost O(M L²) for M elements of a target and L parameters, the other dense ones O(L³).
         drift: how much parameters may move between samples; `fixed(0)` where not given.
         prior_std: how far `w0` may be off: a number, or a pytree like `w0`.
+        devices: those that parameters and the rows of their factor are spread over, for example `jax.devices()`; the
+            number of parameters must be a multiple of theirs.
 
     Returns:
         A `Learner`: `init`, `update`, `params`, `predict`.
 
     Raises:
         ValueError: no parameters, parameters of several types, a noise that is not positive, a negative deviation, a
-            method that is iterated or carries points.
+            method that is iterated or carries points, parameters that cannot be spread evenly over the devices.
 
     Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
@@ -255,50 +223,19 @@ def learner(
         >>> s.mean.shape, info.prediction.shape
         ((9,), (1,))
     """
-    if not callable(function):
-        raise ValueError(f"function must be a function of (w, x), got {type(function).__name__}")
+    learned = objective(function)
     method = srcdkf() if method is None else method
     checks.instance("method", method, Method)
     if method.iterations > 1 or not isinstance(method.carry, Redraw):
         raise ValueError("learner: the method must not be iterated, augmented or extended")
     drift = fixed(0.0) if drift is None else drift
     checks.instance("drift", drift, Drift, "sp.fixed(), sp.annealed(), sp.forgetting() or sp.robbins_monro()")
-    known = noise if isinstance(noise, MeasurementNoise) else Known(checked("noise", noise))
-    w0 = jax.tree.map(
-        lambda a: jnp.asarray(a, float) if isinstance(a, int | float) and not isinstance(a, bool) else a, w0
-    )
-    arrays, rest = eqx.partition(w0, lambda a: eqx.is_inexact_array(a) or isinstance(a, np.ndarray))
-    start, unravel = _vector(arrays)
+    known = noise if isinstance(noise, MeasurementNoise) else Known(measurement_noise.checked("noise", noise))
+    parameters = Parameters.of(w0, prior_std)
+    L = parameters.start.shape[0]
     if isinstance(method.rule, SigmaPointRule):
-        checks.digits(abs(method.rule.constants(start.shape[0]).centre), start.dtype)
-    return Learner(function, start, _deviations(prior_std, arrays, start), rest, unravel, method, drift, known)
-
-
-def _vector(arrays: Any) -> tuple[Float[Array, " L"], Callable[[Array], Any]]:
-    leaves = jax.tree.leaves(arrays)
-    dtypes = {jnp.asarray(a).dtype for a in leaves}
-    if not sum(np.size(a) for a in leaves):
-        raise ValueError("w0 has no parameters: it must hold at least one array of floating-point numbers")
-    if len(dtypes) > 1 or not jnp.issubdtype(next(iter(dtypes)), jnp.floating):
-        raise ValueError(f"w0 must be of one floating-point type, got {', '.join(sorted(map(str, dtypes)))}")
-    start, unravel = ravel_pytree(arrays)
-    checks.finite("w0", start)
-    return start, unravel
-
-
-def _deviations(given: Any, arrays: Any, start: Array) -> Float[Array, " L"]:
-    alone = jax.tree.structure(given) == jax.tree.structure(0)
-    if not alone and jax.tree.structure(given) != jax.tree.structure(arrays):
-        raise ValueError("prior_std must be a number, or a pytree with the structure of w0")
-    each = jax.tree.map(lambda a: given, arrays) if alone else given
-    try:
-        full = jax.tree.map(lambda s, a: jnp.broadcast_to(jnp.asarray(s, start.dtype), jnp.shape(a)), each, arrays)
-    except ValueError as error:
-        raise ValueError(f"prior_std does not fit w0: {error}") from None
-    std = ravel_pytree(full)[0]
-    if not bool((jnp.isfinite(std) & (std >= 0)).all()):
-        raise ValueError("prior_std must be finite and not negative")
-    return std
+        checks.digits(abs(method.rule.constants(L).centre), parameters.start.dtype)
+    return Learner(learned, parameters, method, drift, known, sharding.mesh(devices, L))
 
 
 def _alone(a: Any) -> Any:
@@ -306,56 +243,85 @@ def _alone(a: Any) -> Any:
     return a[None] if isinstance(a, jax.Array) else np.asarray(a)[None]
 
 
+def _listed(d: Any) -> bool:
+    """Whether this is a target written as a list."""
+    return isinstance(d, list)
+
+
 @eqx.filter_jit
-def _updated(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[LearnerState, LearnerInfo]:
+def _updated(learner: Learner, state: LearnerState, x: Any, d: Any) -> tuple[LearnerState, LearnerInfo]:
     return updated(learner, state, x, d)
 
 
-def updated(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[LearnerState, LearnerInfo]:
-    """The update, for inputs and targets with a leading axis."""
-    learner.fits(x, d)
-    targets = d.shape[0]
-    cov = measurement_noise.covariance(state.noise, d.size // targets)
+def updated(learner: Learner, state: LearnerState, x: Any, d: Any) -> tuple[LearnerState, LearnerInfo]:
+    """The update, for inputs and targets with a leading axis; no targets are zeros."""
+    d = learner.targets(x, d)
+    B = d.shape[0]
+    cov = measurement_noise.covariance(state.noise, d.size // B)
     uncertainty = learner.drift.inflated(
         state.uncertainty, learner.drift.added(state.drift, state.uncertainty.variance, state.step)
     )
     factor = uncertainty.factored
-    lin = _linearized(learner, state.mean, factor, x)
+    seen, remembered = _seen(learner, state, factor, x, d.size)
     there = ~jnp.isnan(jnp.ravel(d))
-    R = jnp.kron(jnp.eye(targets, dtype=cov.dtype), cov)
-    slope, bend = (jnp.where(there[:, None], part, 0.0) for part in (lin.slope, lin.bend))
+    R = jnp.kron(jnp.eye(B, dtype=cov.dtype), cov)
+    slope, bend = (jnp.where(there[:, None], part, 0.0) for part in (seen.slope, seen.bend))
     known = jnp.where(there[:, None] & there[None, :], R, 0.0)
     noise = known + bend @ bend.T + jnp.diag(jnp.where(there, 0.0, 1.0))
-    innovation = jnp.where(there, jnp.ravel(d) - lin.mean, 0.0)
-    learned = factor.updated(slope, noise)
+    innovation = jnp.where(there, jnp.ravel(d) - seen.mean, 0.0)
+    learned = factor.updated(slope, noise, groups=GROUPS if learner.mesh is None else 1)
     white = solve_lower(learned.factor, innovation)
     moved = learned.gain.T @ white
     found = measurement_noise.expected(R, white, solve_lower(learned.factor, known))
     m = cov.shape[0]
-    found = jnp.einsum("bibj->ij", found.reshape(targets, m, targets, m)) / targets
+    found = jnp.einsum("bibj->ij", found.reshape(B, m, B, m)) / B
     after = LearnerState(
         state.mean + moved,
         uncertainty.carried(learned.uncertainty),
         learner.drift.after(state.drift, moved),
         learner.noise.after(state.noise, found),
+        Memory(remembered.mean + remembered.slope @ moved, remembered.slope),
         state.step + 1,
     )
     nis = jnp.sum(white**2)
     count = jnp.sum(there, dtype=nis.dtype)
     log_density = -0.5 * (nis + count * LOG_2PI) - jnp.sum(jnp.log(jnp.diagonal(learned.factor)))
-    return after, LearnerInfo(lin.mean, jnp.where(there, innovation, jnp.nan), nis, log_density)
+    info = LearnerInfo(seen.mean, jnp.where(there, innovation, jnp.nan), nis, log_density)
+    return sharding.spread(after, learner.mesh, state.mean.shape[0]), info
 
 
-def _linearized(learner: Learner, mean: Array, factor: Factor, x: Any) -> Linearization:
-    """The function of the parameters for these inputs, about their mean."""
-    values = learner.values
-    return learner.method.rule(lambda step: jnp.ravel(values(mean + step, x)), factor.factor, Euclidean())
+def _seen(learner: Learner, state: LearnerState, factor: Factor, x: Any, size: int) -> tuple[Linearization, Memory]:
+    """What should equal the targets, `size` numbers, and the memory after it."""
+
+    def both(w: Any, memory: Array) -> Array:
+        values, after = learner.objective.values(w, memory, x)
+        return jnp.concatenate([jnp.ravel(values).astype(after.dtype), after])
+
+    lin = _linearized(learner, state, factor, both)
+    slope = lin.slope[size:]
+    slope = solve_upper(factor.factor, slope.T).T if slope.size else slope
+    return Linearization(*(part[:size] for part in lin)), Memory(lin.mean[size:], slope)
+
+
+def _linearized(
+    learner: Learner, state: LearnerState, factor: Factor, function: Callable[[Any, Array], Array]
+) -> Linearization:
+    """`function(w, memory)`, where the memory depends on the parameters too, about their mean."""
+    together = sharding.gathered(learner.mesh)
+
+    def at(step: Float[Array, " L"]) -> Array:
+        memory = state.memory.mean + state.memory.slope @ step
+        return jnp.ravel(function(learner.parameters.tree(together(state.mean + step)), memory)).astype(step.dtype)
+
+    return learner.method.rule(at, factor.factor, Euclidean())
 
 
 @eqx.filter_jit
 def _predicted(learner: Learner, state: LearnerState, x: Any) -> Prediction:
-    x = jax.tree.map(lambda a: a[None], x)
-    shape = jax.eval_shape(learner.values, learner.start, x).shape[1:]
-    lin = _linearized(learner, state.mean, state.uncertainty.factored, x)
+    def value(w: Any, memory: Array) -> Array:
+        return learner.objective.prediction(w, memory, x)
+
+    shape = jax.eval_shape(value, learner.parameters.tree(state.mean), state.memory.mean).shape
+    lin = _linearized(learner, state, state.uncertainty.factored, value)
     std = norm_rows(jnp.concatenate([lin.slope, lin.bend], axis=1))
     return Prediction(lin.mean.reshape(shape), std.reshape(shape))

@@ -1,10 +1,9 @@
 """Training: many pairs, in epochs, with a validation set, progress, and checkpoints that survive anything."""
 
-import hashlib
 import os
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,10 +14,15 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
+from sigmapoint.learning import checkpoints, sharding
+from sigmapoint.learning.checkpoints import fingerprint
 from sigmapoint.learning.drift import Drift
-from sigmapoint.learning.learner import Learner, LearnerState, learner, updated
+from sigmapoint.learning.fit import Fit, History, Progress
+from sigmapoint.learning.interrupts import uninterrupted
+from sigmapoint.learning.learner import Learner, learner, updated
+from sigmapoint.learning.objectives import Objective
+from sigmapoint.learning.state import LearnerState
 from sigmapoint.methods import Method
-from sigmapoint.storage import load, save
 
 WORK = 2e8
 """Products in one call, about: between two calls there is time for progress, checkpoints and Ctrl-C."""
@@ -29,75 +33,6 @@ NOT_FINITE = (
 )
 SAVED_EVERY = 30.0
 """Seconds between checkpoints within an epoch."""
-
-
-class History(NamedTuple):
-    """What training looked like, epoch by epoch; every target was predicted before it was learned from."""
-
-    mse: Float[np.ndarray, " E"]
-    """mean squared innovation of an element, in squared units of the targets"""
-    nis: Float[np.ndarray, " E"]
-    """mean normalised innovation squared of an element [1]: about one where noise and drift are right"""
-    log_likelihood: Float[np.ndarray, " E"]
-    """sum over the epoch of the natural logarithm of the predicted densities"""
-    validation: Float[np.ndarray, " E"]
-    """mean squared error on the validation set after the epoch; NaN without one"""
-
-    @property
-    def epochs(self) -> int:
-        """Number of epochs."""
-        return len(self.mse)
-
-
-class Fit(NamedTuple):
-    """A trained function."""
-
-    learner: Learner
-    state: LearnerState
-    """of the best epoch, where there was a validation set; else of the last"""
-    history: History
-
-    @property
-    def params(self) -> Any:
-        """The parameters, as the pytree that training began with."""
-        return self.learner.params(self.state)
-
-    @property
-    def std_params(self) -> Any:
-        """Their standard deviations, likewise; every epoch counts the data again, and makes them smaller."""
-        return self.learner.std_params(self.state)
-
-    def predict(self, x: Any) -> Any:
-        """As `Learner.predict`, for one input."""
-        return self.learner.predict(self.state, x)
-
-    def __str__(self) -> str:
-        errors = self.history.validation
-        checked = "" if np.isnan(errors).all() else f", {np.nanmin(errors):.4g} in validation"
-        last = f"squared error {self.history.mse[-1]:.4g}"
-        return f"{self.state.mean.shape[0]} parameters after {self.history.epochs} epochs: {last}{checked}"
-
-
-class Progress(NamedTuple):
-    """How far training is; `str` of it is one line."""
-
-    epoch: int
-    epochs: int
-    done: float
-    """part of the whole, 0 to 1"""
-    left: float
-    """seconds, about"""
-    mse: float
-    """of the epoch so far"""
-    validation: float
-    """after the last finished epoch"""
-
-    def __str__(self) -> str:
-        checked = "" if np.isnan(self.validation) else f", validation {self.validation:.4g}"
-        return (
-            f"epoch {self.epoch}/{self.epochs}, {self.done:.0%}, squared error {self.mse:.4g}{checked}, "
-            f"{self.left:.0f} s left"
-        )
 
 
 class Position(NamedTuple):
@@ -115,7 +50,7 @@ class Position(NamedTuple):
 
 
 def learn(
-    function: Callable[[Any, Any], Any],
+    function: Callable[[Any, Any], Any] | Objective,
     w0: Any,
     inputs: Any,
     targets: Any,
@@ -124,6 +59,7 @@ def learn(
     method: Method | None = None,
     drift: Drift | None = None,
     prior_std: Any = 1.0,
+    devices: Sequence[Any] | None = None,
     epochs: int = 1,
     batch: int = 1,
     key: Any = None,
@@ -138,7 +74,7 @@ def learn(
     bars take one epoch, from the parameters that more epochs have found.
 
     Args:
-        function: as for `learner`, like all up to `prior_std`.
+        function: as for `learner`, like all up to `devices`. A recurrent one begins every epoch without memory.
         w0: where to start.
         inputs: any pytree of arrays with a leading axis N.
         targets: (N, ...); NaN where they are not known.
@@ -146,6 +82,7 @@ def learn(
         method: `srcdkf()` where not given.
         drift: `fixed(0)` where not given.
         prior_std: how far `w0` may be off.
+        devices: those that the parameters are spread over.
         epochs: how often all pairs are learned from.
         batch: pairs that are learned from at once.
         key: a random key or a seed: the order is drawn anew for every epoch. In the order given where there is none.
@@ -160,7 +97,7 @@ def learn(
 
     Raises:
         ValueError: as `learner`; inputs and targets of different lengths, no targets, patience without validation, a
-            checkpoint of another run.
+            checkpoint of another run, a recurrent function out of order (with a key) or in batches that do not fit.
         OSError: the checkpoint cannot be written.
 
     Examples:
@@ -173,14 +110,16 @@ def learn(
     """
     if validation is not None and not (isinstance(validation, tuple | list) and len(validation) == 2):
         raise ValueError("validation must be a pair (inputs, targets)")
-    one = learner(function, w0, noise=noise, method=method, drift=drift, prior_std=prior_std)
+    one = learner(function, w0, noise=noise, method=method, drift=drift, prior_std=prior_std, devices=devices)
     x, d = one.checked(inputs, targets)
-    one.fits(x, d)
+    d = one.targets(x, d)
     epochs, batch = checks.whole("epochs", epochs, 1), checks.whole("batch", batch, 1)
     key = None if key is None else checks.key("key", key)
+    if one.forgotten.mean.size and (key is not None or len(d) % batch):
+        raise ValueError("a recurrent function takes a series in order and in whole batches: no key, batch a divisor")
     held = None if validation is None else one.checked(*validation)
     if held is not None:
-        one.fits(*held)
+        held = held[0], one.targets(*held)
     if patience is not None:
         patience = checks.whole("patience", patience, 1)
         if held is None:
@@ -188,24 +127,24 @@ def learn(
     run = Training(one, x, d, epochs, min(batch, len(d)), key, held, patience)
     at = run.start()
     if checkpoint is not None:
-        at = _resumed(Path(checkpoint), run.fingerprint, at)
+        at = checkpoints.resumed(Path(checkpoint), run.identity, at)
     saved = begun = time.monotonic()
-    identity = run.fingerprint
-    first = run.done(at)
+    first, steps = run.done(at), run.steps(at)
     try:
-        for step, finished in run.steps(at):
-            at = step
-            now = time.monotonic()
-            if checkpoint is not None and (now - saved >= SAVED_EVERY or (finished and run.over(at))):
-                _save(Path(checkpoint), identity, at)
+        while not run.over(at):
+            with uninterrupted():
+                at = next(steps)
+            now, ended = time.monotonic(), int(at.update) == 0
+            if checkpoint is not None and (now - saved >= SAVED_EVERY or run.over(at)):
+                checkpoints.store(Path(checkpoint), run.identity, at)
                 saved = now
-            if finished and not np.isfinite(at.history.mse[int(at.epoch) - 1]) and run.known:
+            if ended and not np.isfinite(at.history.mse[int(at.epoch) - 1]) and run.known:
                 warnings.warn(NOT_FINITE, RuntimeWarning, stacklevel=2)
             if progress is not None:
                 progress(run.progress(at, first, now - begun))
     except KeyboardInterrupt:
         if checkpoint is not None:
-            _save(Path(checkpoint), identity, at)
+            checkpoints.store(Path(checkpoint), run.identity, at)
         raise
     return Fit(one, at.best or at.state, History(*(column[: int(at.epoch)] for column in at.history)))
 
@@ -234,29 +173,33 @@ class Training(NamedTuple):
 
     @property
     def _call(self) -> int:
-        L, M = self.learner.start.shape[0], self.batch * (self.d.size // len(self.d))
+        L, M = self.learner.parameters.start.shape[0], self.batch * (self.d.size // len(self.d))
         return max(1, min(LONGEST_CALL, self.updates, int(WORK / (L * L * (M + 4)))))
 
     def start(self) -> Position:
         """Before the first sample."""
         state = self.learner.init()
         nothing = History(*(np.full(self.epochs, np.nan) for _ in History._fields))
-        return Position(state, None if self.held is None else state, np.array(0), np.array(0), np.zeros(4), nothing)
+        best = None if self.held is None else _copied(state)
+        return Position(state, best, np.array(0), np.array(0), np.zeros(4), nothing)
 
-    def steps(self, at: Position) -> Iterator[tuple[Position, bool]]:
-        """Positions on the way from there, and whether an epoch ended."""
+    def steps(self, at: Position) -> Iterator[Position]:
+        """Positions on the way from there; the state of each is given away for the next."""
+        L = self.learner.parameters.start.shape[0]
+        at = at._replace(state=sharding.spread(at.state, self.learner.mesh, L))
         while not self.over(at):
             order = self._order(int(at.epoch))
             while int(at.update) < self.updates:
                 part = order[int(at.update) : int(at.update) + self._call]
                 x, d = jax.tree.map(lambda a, part=part: a[np.maximum(part, 0)], (self.x, self.d))
                 filled = jnp.asarray(part >= 0).reshape(part.shape + (1,) * (d.ndim - 2))
-                state, sums = _many(self.learner, at.state, x, jnp.where(filled, d, jnp.nan))
+                state = at.state if int(at.update) else at.state._replace(memory=self.learner.forgotten)
+                state, sums = _many((self.learner, x, jnp.where(filled, d, jnp.nan)), state)
                 at = at._replace(state=state, update=at.update + len(part), sums=at.sums + np.asarray(sums))
                 if int(at.update) < self.updates:
-                    yield at, False
+                    yield at
             at = self._finished(at)
-            yield at, True
+            yield at
 
     def _order(self, epoch: int) -> np.ndarray:
         """Which pairs every update takes, −1 for none."""
@@ -272,7 +215,7 @@ class Training(NamedTuple):
         for column, value in zip(history, (squares / count, nis / count, likelihood, error)):
             column[int(at.epoch)] = value
         earlier = np.fmin.reduce(at.history.validation[: int(at.epoch)], initial=np.inf)
-        best = at.state if error < earlier else at.best
+        best = _copied(at.state) if error < earlier else at.best
         return at._replace(best=best, epoch=at.epoch + 1, update=np.array(0), sums=np.zeros(4), history=history)
 
     def over(self, at: Position) -> bool:
@@ -299,23 +242,25 @@ class Training(NamedTuple):
         return Progress(past if ended else past + 1, self.epochs, done, left, float(mse), float(last))
 
     @property
-    def fingerprint(self) -> np.ndarray:
-        """Of all that the result depends on but the function."""
-        hashed = hashlib.sha256(repr((self.learner.method, self.learner.drift, self.learner.noise)).encode())
-        settings = self.epochs, self.batch, None if self.key is None else jax.random.key_data(_of(self.key, 0)).tolist()
-        hashed.update(repr((settings, self.patience)).encode())
-        for leaf in jax.tree.leaves((self.learner.start, self.learner.std, self.x, self.d, self.held)):
-            hashed.update(np.ascontiguousarray(leaf).tobytes())
-        return np.frombuffer(hashed.digest(), np.uint8)
+    def identity(self) -> np.ndarray:
+        """A fingerprint of all that the result depends on but the function."""
+        key = None if self.key is None else jax.random.key_data(_of(self.key, 0)).tolist()
+        settings = self.learner.method, self.learner.drift, self.learner.noise, self.epochs, self.batch, key
+        return fingerprint((*settings, self.patience), (self.learner.parameters, self.x, self.d, self.held))
 
 
 def _of(key: Any, epoch: int) -> Any:
     return jax.random.fold_in(key, epoch)
 
 
-@eqx.filter_jit
-def _many(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[LearnerState, Float[Array, " 4"]]:
-    """One update after the other; the sums over them."""
+def _copied(state: LearnerState) -> LearnerState:
+    return jax.tree.map(jnp.copy, state)
+
+
+@eqx.filter_jit(donate="all-except-first")
+def _many(given: tuple[Learner, Any, Array], state: LearnerState) -> tuple[LearnerState, Float[Array, " 4"]]:
+    """One update after the other, in the memory of the state; the sums over them."""
+    learner, x, d = given
 
     def step(state: LearnerState, pair: tuple[Any, Array]) -> tuple[LearnerState, Array]:
         state, info = updated(learner, state, *pair)
@@ -331,25 +276,3 @@ def _many(learner: Learner, state: LearnerState, x: Any, d: Array) -> tuple[Lear
 def _error(learner: Learner, state: LearnerState, x: Any, d: Array) -> Float[Array, ""]:
     there = ~jnp.isnan(d)
     return jnp.sum(jnp.where(there, learner.values(state.mean, x) - d, 0.0) ** 2) / jnp.sum(there, dtype=d.dtype)
-
-
-def _save(path: Path, identity: np.ndarray, at: Position) -> None:
-    save(path, (identity, at))
-
-
-def _resumed(path: Path, identity: np.ndarray, at: Position) -> Position:
-    if not path.exists():
-        return at
-    try:
-        with jax.enable_x64(True):  # counts and sums are of 64 bits in any case
-            fingerprint, found = load(path, like=(identity, at))
-    except ValueError as error:
-        raise ValueError(
-            f"checkpoint {path} is not of this training (parameters, epochs and method must be the same): {error}"
-        ) from error
-    if (np.asarray(fingerprint) != identity).any():
-        raise ValueError(
-            f"checkpoint {path} is of a training with other data or settings: delete it, or choose another file"
-        )
-    numbers = jax.tree.map(np.asarray, (found.epoch, found.update, found.sums, found.history))
-    return Position(found.state, found.best, *numbers)

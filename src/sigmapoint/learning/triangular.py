@@ -28,7 +28,7 @@ from sigmapoint.linalg import orthogonalized
 BLOCK = 32
 """Columns in a block, about."""
 GROUPS = 4
-"""Parts of the factor in which the columns left of the diagonal are left out."""
+"""Parts of the factor in which the columns left of the diagonal are left out, on one device."""
 
 
 class Conditioned(NamedTuple):
@@ -44,16 +44,22 @@ class Conditioned(NamedTuple):
     """diagonal of S⁺ S⁺ᵀ"""
 
 
-def conditioned(columns: Float[Array, "L L"], slope: Float[Array, "M L"], factor: Float[Array, "M M"]) -> Conditioned:
-    """The factor S = `columns`ᵀ after a measurement with this slope and this factor of its noise."""
+def conditioned(
+    columns: Float[Array, "L L"], slope: Float[Array, "M L"], factor: Float[Array, "M M"], groups: int = GROUPS
+) -> Conditioned:
+    """The factor S = `columns`ᵀ after a measurement with this slope and this factor of its noise.
+
+    `groups`: parts of the factor, each without the columns that are zero in all of it. With one, rows of S are all
+    treated alike, as they must be where they are on several devices.
+    """
     L, M = columns.shape[0], slope.shape[0]
     given = Conditioned(columns, jnp.zeros((M, L), columns.dtype), factor, jnp.zeros(L, columns.dtype))
     size = min(BLOCK, L)
     blocks, rest = divmod(L, size)
     if rest:
-        given = _taken(given, slope, L - rest, rest, L - rest)
-    for group in reversed(range(GROUPS)):
-        first, last = blocks * group // GROUPS, blocks * (group + 1) // GROUPS
+        given = _taken(given, slope, L - rest, rest, L - rest if groups > 1 else 0)
+    for group in reversed(range(groups)):
+        first, last = blocks * group // groups, blocks * (group + 1) // groups
 
         def one(i: Array, given: Conditioned, first: int = first, last: int = last) -> Conditioned:
             return _taken(given, slope, (last - 1 - i) * size, size, first * size)

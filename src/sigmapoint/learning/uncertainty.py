@@ -54,9 +54,12 @@ class Factor(NamedTuple):
         more = jnp.sqrt(own**2 + added) - own
         return Factor(self.columns + jnp.diag(more), self.variance + more * (2 * own + more))
 
-    def updated(self, slope: Float[Array, "M L"], noise: Float[Array, "M M"]) -> Updated:
-        """After a measurement with this slope over the columns; `noise` is the rest of its covariance."""
-        after = conditioned(self.columns, slope, cholesky(noise))
+    def updated(self, slope: Float[Array, "M L"], noise: Float[Array, "M M"], groups: int) -> Updated:
+        """After a measurement with this slope over the columns; `noise` is the rest of its covariance.
+
+        `groups`: as in `triangular.conditioned`.
+        """
+        after = conditioned(self.columns, slope, cholesky(noise), groups)
         return Updated(Factor(after.columns, after.variance), after.gain, after.factor)
 
     @property
