@@ -42,6 +42,7 @@ _ALL = (
     Experiment("transform", "mean and covariance through a nonlinearity: pictures, orders", _lazily("transform")),
     Experiment("cost", "operations and time of an update against the number of weights", _lazily("cost")),
     Experiment("robot-arm", "a network learns a robot arm: EKF, UKF, square roots", _lazily("robot_arm")),
+    Experiment("four-regions", "a network learns four interlocking regions: two costs", _lazily("four_regions")),
 )
 
 EXPERIMENTS: dict[str, Experiment] = {experiment.name: experiment for experiment in _ALL}

@@ -4,7 +4,8 @@ import itertools
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -34,6 +35,19 @@ def learning(found: Mapping[str, Float[np.ndarray, "R E"]], floor: float | None,
     axis.set_ylabel(what)
     axis.spines[["top", "right"]].set_visible(False)
     axis.legend(frameon=False, ncols=2)
+    return figure
+
+
+def maps(regions: Mapping[str, Int[np.ndarray, "side side"]], columns: int) -> Figure:
+    """Which class is where in the square [−1, 1]², a picture each, in rows."""
+    rows = -(-len(regions) // columns)
+    figure = Figure(figsize=(2.6 * columns, 2.9 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axis in axes:
+        axis.set_axis_off()
+    for axis, (name, classes) in zip(axes, regions.items()):
+        axis.imshow(classes, ListedColormap(COLOURS), vmin=-0.5, vmax=3.5, origin="lower", extent=(-1, 1, -1, 1))
+        axis.set_title(name, fontsize=11)
     return figure
 
 
