@@ -41,6 +41,8 @@ _ALL = (
     Experiment("scalar", "EKF and sigma-point filters on a scalar model with a cubic sensor", _lazily("scalar")),
     Experiment("transform", "mean and covariance through a nonlinearity: pictures, orders", _lazily("transform")),
     Experiment("robot-arm", "a network learns a robot arm: EKF, UKF, square roots", _lazily("robot_arm")),
+    Experiment("ikeda", "a network learns the Ikeda map: four choices of process noise", _lazily("ikeda")),
+    Experiment("mackey-glass-learning", "the same with the Mackey-Glass series", _lazily("mackey_glass_learning")),
 )
 
 EXPERIMENTS: dict[str, Experiment] = {experiment.name: experiment for experiment in _ALL}

@@ -58,6 +58,13 @@ def mean_of(samples: np.ndarray) -> Mean:
     return Mean(float(kept.mean()), float(kept.std(ddof=1) / math.sqrt(kept.size)), kept.size)
 
 
+def decided(gain: Mean) -> str:
+    """What became of a claim that this is positive, by three standard errors."""
+    if not abs(gain.value) > 3 * gain.spread:
+        return "not decided by these runs"
+    return "reproduced" if gain.value > 0 else "contradicted"
+
+
 def publish(
     out: Path, title: str, findings: Sequence[str], rows: Sequence[Row], pictures: Sequence[Picture]
 ) -> list[dict[str, Any]]:

@@ -20,7 +20,7 @@ from jax.flatten_util import ravel_pytree
 import sigmapoint as sp
 from sigmapoint.experiments.learning_curves import Curves, curves, orders
 from sigmapoint.experiments.learning_figures import learning
-from sigmapoint.experiments.results import Mean, Picture, Row, mean_of, publish
+from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish
 from sigmapoint.learning.learner import Learner
 from sigmapoint.methods import Method
 from sigmapoint.problems import network, robot_arm
@@ -115,17 +115,11 @@ def findings(found: dict[str, Curves], last: dict[str, Mean]) -> Sequence[str]:
         f"No network can be better than the noise, {FLOOR:.4f} per output. Mean errors after {epochs} epochs go from "
         f"{min(m.value for m in last.values()):.5f} to {last[worst].value:.5f} ({worst}).",
         "The papers show curves and print no numbers.",
-        f'"Slightly lower final MSE of the UKF": {_decided(gain)}. EKF minus UKF on the same starts: '
+        f'"Slightly lower final MSE of the UKF": {decided(gain)}. EKF minus UKF on the same starts: '
         f"{gain.value:+.1e} ± {gain.spread:.0e}.",
         f'"Indistinguishable with option 2": EKF minus SR-UKF with option 2 is {second.value:+.1e} '
         f"± {second.spread:.0e}.",
     )
-
-
-def _decided(gain: Mean) -> str:
-    if abs(gain.value) <= 3 * gain.spread:
-        return "not decided by these runs"
-    return "reproduced" if gain.value > 0 else "contradicted"
 
 
 def _row(quantity: str, method: str, mean: Mean, note: str) -> Row:
