@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from sigmapoint.experiments import EXPERIMENTS, noise_schedules
+from sigmapoint.experiments import EXPERIMENTS, mackey_glass_learning, noise_schedules
+from sigmapoint.experiments import ikeda as experiment
 from sigmapoint.experiments.results import Mean
 from sigmapoint.problems import ikeda, mackey_glass
 from sigmapoint.problems.autoregression import normalized, pairs
@@ -76,9 +77,18 @@ def test_a_claim_against_several_falls_with_one_and_needs_all():
 
 
 def test_a_quick_run_learns_and_is_written(tmp_path):
-    rows = EXPERIMENTS["ikeda"].run(None, 0, tmp_path, True)
+    small = experiment.TASK._replace(sizes=(3, 4, 1))
+    rows = noise_schedules.run(small, None, 0, tmp_path, True)
     assert json.loads((tmp_path / "results.json").read_text()) == rows
     assert {p.name for p in tmp_path.glob("*.png")} == {"ikeda-noise.png", "ikeda-filters.png"}
     mse = {row["method"]: row["measured"] for row in rows if row["quantity"] == "test MSE after the last epoch"}
     assert len(mse) == 7
     assert max(mse.values()) < 0.9  # 1 is what knowing nothing gives
+
+
+def test_networks_of_the_papers_sizes_are_learned():
+    assert {"ikeda", "mackey-glass-learning"} <= EXPERIMENTS.keys()
+    assert experiment.TASK.sizes == (10, 7, 1)
+    assert mackey_glass_learning.TASK.sizes == (6, 10, 1)
+    for task in (experiment.TASK, mackey_glass_learning.TASK):
+        assert task.series(20, jax.random.key(0)).shape == (20,)
