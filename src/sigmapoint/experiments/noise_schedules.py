@@ -4,6 +4,7 @@ Source: Wan & van der Merwe (2001), section 7.4, Figures 7.8 bottom and 7.9, cur
 method provides the fastest rate of absolute convergence and lowest final MMSE values", for a UKF with α = 1e-4, β = 2,
 κ = 3 − L. Neither the lengths of the series nor any settings of the noises are given; ours are those of each `Task`.
 
+Runs differ in the start of the network and in the order of the samples, on one series.
 Errors differ by large factors between starts: filters and noises are compared on the same starts, by log10 of a ratio.
 """
 
@@ -169,7 +170,7 @@ def findings(found: Found) -> Sequence[str]:
         ),
         *(
             f'"Differences are similar" with the {name}: lowest {verdict(rivals(found, last, name))}, fastest '
-            f"{verdict(rivals(found, height, name))}. The others less it in the end: {_listed(rivals(found, last, name))}."
+            f"{verdict(rivals(found, height, name))}. In the end, less it: {_listed(rivals(found, last, name))}."
             for name in others(found, last)
             if rivals(found, last, name)
         ),
