@@ -43,6 +43,8 @@ _ALL = (
     Experiment("cost", "operations and time of an update against the number of weights", _lazily("cost")),
     Experiment("robot-arm", "a network learns a robot arm: EKF, UKF, square roots", _lazily("robot_arm")),
     Experiment("four-regions", "a network learns four interlocking regions: two costs", _lazily("four_regions")),
+    Experiment("ikeda", "a network learns the Ikeda map: four choices of process noise", _lazily("ikeda")),
+    Experiment("mackey-glass-learning", "the same with the Mackey-Glass series", _lazily("mackey_glass_learning")),
 )
 
 EXPERIMENTS: dict[str, Experiment] = {experiment.name: experiment for experiment in _ALL}

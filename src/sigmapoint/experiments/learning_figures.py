@@ -24,7 +24,8 @@ def learning(found: Mapping[str, Float[np.ndarray, "R E"]], floor: float | None,
         colour = COLOURS[families.index(_family(name)) % len(COLOURS)]
         root = name.startswith("SR-")
         style = next(variants) if "," in name else ("--" if root else "-")
-        axis.plot(epochs, mean, ls=style, color=colour, lw=1.5 if root else 3, alpha=1 if root else 0.45, label=name)
+        under = f"SR-{name}" in found
+        axis.plot(epochs, mean, ls=style, color=colour, lw=3 if under else 1.5, alpha=0.45 if under else 1, label=name)
         axis.fill_between(epochs, mean - error, mean + error, color=colour, alpha=0.12, lw=0)
     if floor is not None:
         axis.axhline(floor, color="black", lw=0.8, ls=":")

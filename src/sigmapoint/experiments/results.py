@@ -59,8 +59,8 @@ def mean_of(samples: np.ndarray) -> Mean:
 
 
 def decided(gain: Mean) -> str:
-    """What a gain that is claimed to be positive says of the claim."""
-    if abs(gain.value) <= 3 * gain.spread:
+    """What became of a claim that this is positive, by three standard errors."""
+    if not abs(gain.value) > 3 * gain.spread:
         return "not decided by these runs"
     return "reproduced" if gain.value > 0 else "contradicted"
 
