@@ -41,6 +41,10 @@ _ALL = (
     Experiment("scalar", "EKF and sigma-point filters on a scalar model with a cubic sensor", _lazily("scalar")),
     Experiment("transform", "mean and covariance through a nonlinearity: pictures, orders", _lazily("transform")),
     Experiment("robot-arm", "a network learns a robot arm: EKF, UKF, square roots", _lazily("robot_arm")),
+    Experiment(
+        "pendulum-parameters", "lengths and masses of a pendulum from its falls", _lazily("pendulum_parameters")
+    ),
+    Experiment("rosenbrock", "a curved valley: filters beside Levenberg-Marquardt and BFGS", _lazily("rosenbrock")),
 )
 
 EXPERIMENTS: dict[str, Experiment] = {experiment.name: experiment for experiment in _ALL}
