@@ -8,6 +8,7 @@ import numpy as np
 
 from sigmapoint.experiments import EXPERIMENTS
 from sigmapoint.experiments import rosenbrock as experiment
+from sigmapoint.experiments.rosenbrock_searches import Log
 from sigmapoint.problems import rosenbrock
 
 
@@ -19,7 +20,7 @@ def test_the_cost_is_rosenbrocks():
 
 
 def test_a_log_counts_what_is_called_until_the_target_is_seen():
-    log = experiment.Log()
+    log = Log()
     value, derivative = log.noted(rosenbrock.residual), log.noted(rosenbrock.residual, derivative=True)
     value(np.zeros(2))
     derivative(np.ones(2))  # a derivative at the minimum has not seen its value

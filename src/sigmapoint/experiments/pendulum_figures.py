@@ -28,7 +28,7 @@ def estimates(cases: Mapping[str, Mapping[str, Float[np.ndarray, "R E P"]]], tru
             axis.axhline(value, color=colour, lw=0.7, alpha=0.7)
         axis.set_title(case)
         axis.set_xlabel("fall")
-        axis.set_ylim(0.9 * min(truth.values()), 1.1 * max(truth.values()))
+        axis.set_ylim(0.75 * min(truth.values()), 1.15 * max(truth.values()))
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         axis.spines[["top", "right"]].set_visible(False)
     axes[0].set_ylabel("half lengths [m], masses [kg]")
@@ -50,5 +50,5 @@ def factors(found: Mapping[str, Mapping[float, Float[np.ndarray, " R"]]], neares
     axis.set_xlabel("prior standard deviation of each parameter [m, kg]")
     axis.set_ylabel("learned masses / true masses")
     axis.spines[["top", "right"]].set_visible(False)
-    axis.legend(frameon=False)
+    figure.legend(loc="outside right center", frameon=False)
     return figure

@@ -48,7 +48,7 @@ UNITS = Parameters("m", "m", "kg", "kg", "kg")
 PRIORS = (0.2, 0.5, 1.0, 1.4)
 OTHERS = {
     "told 0.01": Setting(noise=0.01),
-    "told 0.01, prior 0.5": Setting(noise=0.01, prior=0.5),
+    "told 0.001, as it is": Setting(noise=0.001),
     "no drift": Setting(drift=sp.fixed(0.0)),
     "correlations kept": Setting(drift=sp.robbins_monro(1e-4, 0.01)),
 }
@@ -136,15 +136,16 @@ def findings(found: dict[str, Case], by_prior: dict[str, dict[float, np.ndarray]
     visible = max(mean_of(one.worst_visible).value for one in free.values())
     worst = {name: mean_of(one.worst) for name, one in pushed.items()}
     most = max(worst, key=lambda name: worst[name].value)
+    low, high = free["UKF"].factor.min(), free["UKF"].factor.max()
     return (
         "Without a force the equations of motion are proportional to the masses: a common factor of all three changes "
         f"nothing that is seen. Masses nearest to the start, (1, 1, 1), have the factor {NEAREST:.3f}; the published "
         "masses of the EKF have 0.90 (.68/.75, .45/.50, 1.35/1.50): no local minimum, but a point on a line of equally "
         "good ones. The published UKF's factor, 0.99, is another.",
-        f"Here the factor is {ekf.value:.3f} ± {ekf.spread:.3f} by the EKF, {ukf.value:.3f} ± {ukf.spread:.3f} by the "
-        f"UKF{reach}. All other is found: lengths, and masses without their common factor, are off by at most "
-        f"{visible:.1f} % (largest of the five, mean over runs).",
-        f"With a known force on the cart every method finds all five. Largest error of the five, mean over runs: "
+        f"Here the factor is {ekf.value:.3f} ± {ekf.spread:.3f} by the EKF and {ukf.value:.3f} ± {ukf.spread:.3f} by "
+        f"the UKF ({low:.3f} to {high:.3f} over runs){reach}. All else is found: lengths, and masses without their "
+        f"common factor, are off by at most {visible:.1f} % (largest of the five, mean over runs).",
+        "With a known force on the cart every method finds all five. Largest error of the five, mean over runs: "
         f"UKF {worst['UKF'].value:.2f} %, EKF {worst['EKF'].value:.2f} %, at most {worst[most].value:.2f} % ({most}).",
     )
 

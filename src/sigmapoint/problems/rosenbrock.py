@@ -14,12 +14,12 @@ START = (-1.2, 1.0)
 """Rosenbrock's own."""
 
 
-def residual(x: Float[Array, " 2"]) -> Float[Array, " 2"]:
+def residual(x: Float[Array, "*many 2"]) -> Float[Array, "*many 2"]:
     """e, which is zero at the minimum."""
-    return jnp.stack([10 * (x[1] - x[0] ** 2), 1 - x[0]])
+    return jnp.stack([10 * (x[..., 1] - x[..., 0] ** 2), 1 - x[..., 0]], axis=-1)
 
 
-def cost(x: Float[Array, " 2"]) -> Float[Array, ""]:
+def cost(x: Float[Array, "*many 2"]) -> Float[Array, "*many"]:
     """f = |e|².
 
     Examples:
@@ -28,4 +28,4 @@ def cost(x: Float[Array, " 2"]) -> Float[Array, ""]:
         >>> round(float(rosenbrock.cost(jnp.array(rosenbrock.START))), 4)
         24.2
     """
-    return jnp.sum(residual(x) ** 2)
+    return jnp.sum(residual(x) ** 2, axis=-1)
