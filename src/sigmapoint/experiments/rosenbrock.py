@@ -50,6 +50,7 @@ OTHERS: dict[str, tuple[float, Drift]] = {
     "drift forgetting(0.5)": (NOISE, sp.forgetting(0.5)),
     "drift robbins_monro(1, 0.5)": (NOISE, sp.robbins_monro(1.0, 0.5)),
 }
+QUICK_OTHERS = ("noise 1e-4", "noise 1e-2")
 QUANTITIES: dict[str, Callable[[Search], float]] = {
     "iterations": lambda s: s.iterations,
     "values": lambda s: s.values,
@@ -64,10 +65,11 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
     """Run the experiment; see `Experiment.run`."""
     random = np.random.default_rng(seed).uniform(-WIDTH, WIDTH, (runs or (QUICK_RUNS if quick else RUNS), 2))
     starts = np.concatenate([[rosenbrock.START], random])
+    settings = QUICK_OTHERS if quick else tuple(OTHERS)
     with jax.enable_x64(True):
         found: Found = {name: filtered(method, starts, NOISE, DRIFT) for name, (method, _) in FILTERS.items()}
         found |= {name: [search(start) for start in starts] for name, (search, _) in SEARCHES.items()}
-        others = {name: filtered(FILTERS[UKF][0], starts, *setting) for name, setting in OTHERS.items()}
+        others = {name: filtered(FILTERS[UKF][0], starts, *OTHERS[name]) for name in settings}
     caption = (
         "Left: paths from Rosenbrock's start. Middle: f on the way. Right: values and derivatives until f ≤ 1e-12, "
         "from random starts (dots) and from Rosenbrock's (crosses); what has no dots does not get there."

@@ -63,8 +63,8 @@ def _counted(path: np.ndarray, costs: np.ndarray, points: int, jacobians: int) -
 def _paths(learner: Learner, starts: Float[Array, "R 2"]) -> Float[Array, "R K 2"]:
     def one(start: Array) -> Array:
         def step(state: Any, _: None) -> Any:
-            state, _ = updated(learner, state, jnp.zeros(1), jnp.zeros((1, 2)))
-            return state, state.mean
+            after = updated(learner, state, jnp.zeros(1), jnp.zeros((1, 2)))[0]
+            return after, after.mean
 
         _, path = jax.lax.scan(step, learner.init()._replace(mean=start), length=UPDATES)
         return jnp.concatenate([start[None], path])
@@ -104,7 +104,7 @@ class Log:
 def levenberg_marquardt(start: np.ndarray, exact: bool = True) -> Search:
     """MINPACK's, through SciPy; with differences in place of the Jacobian where not `exact`."""
     log = Log()
-    jacobian = log.noted(_jacobian, derivative=True) if exact else "2-point"
+    jacobian: Any = log.noted(_jacobian, derivative=True) if exact else "2-point"
     end = least_squares(log.noted(_residual), start, jacobian, method="lm", ftol=1e-15, xtol=1e-15, gtol=1e-15)
     accepted = [x for x, derivative in zip(log.points, log.derivative) if derivative]
     return log.search([*accepted, end.x] if exact else [start])
