@@ -136,7 +136,7 @@ def findings(found: dict[str, Case], by_prior: dict[str, dict[float, np.ndarray]
     visible = max(mean_of(one.worst_visible).value for one in free.values())
     worst = {name: mean_of(one.worst) for name, one in pushed.items()}
     most = max(worst, key=lambda name: worst[name].value)
-    low, high = free["UKF"].factor.min(), free["UKF"].factor.max()
+    low, high = np.nanmin(free["UKF"].factor), np.nanmax(free["UKF"].factor)
     return (
         "Without a force the equations of motion are proportional to the masses: a common factor of all three changes "
         f"nothing that is seen. Masses nearest to the start, (1, 1, 1), have the factor {NEAREST:.3f}; the published "
