@@ -45,6 +45,10 @@ _ALL = (
     Experiment("four-regions", "a network learns four interlocking regions: two costs", _lazily("four_regions")),
     Experiment("ikeda", "a network learns the Ikeda map: four choices of process noise", _lazily("ikeda")),
     Experiment("mackey-glass-learning", "the same with the Mackey-Glass series", _lazily("mackey_glass_learning")),
+    Experiment(
+        "pendulum-parameters", "lengths and masses of a pendulum from its falls", _lazily("pendulum_parameters")
+    ),
+    Experiment("rosenbrock", "a curved valley: filters beside Levenberg-Marquardt and BFGS", _lazily("rosenbrock")),
 )
 
 EXPERIMENTS: dict[str, Experiment] = {experiment.name: experiment for experiment in _ALL}

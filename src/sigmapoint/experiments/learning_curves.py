@@ -40,7 +40,7 @@ def curves(
     test: Any,
     score: Score = squared_error,
 ) -> Curves:
-    """Train from every start, each in its own order of the training pairs."""
+    """Train from every start, each in its own order of the training pairs; −1 stands for none."""
     return Curves(*map(np.asarray, _curves(learner, starts, learner.checked(*train), orders, test, score)))
 
 
@@ -63,12 +63,15 @@ def _curves(
         mean, order = given
 
         def epoch(state: Any, rows: Array) -> Any:
-            def step(state: Any, row: Array) -> Any:
+            def learned(state: Any, row: Array) -> Any:
                 state, info = updated(learner, state, *jax.tree.map(lambda a: a[row][None], train))
                 return state, info.nis / info.prediction.shape[0]
 
+            def step(state: Any, row: Array) -> Any:
+                return jax.lax.cond(row < 0, lambda s, _: (s, jnp.zeros_like(s.mean[0])), learned, state, row)
+
             state, nis = jax.lax.scan(step, state, rows)
-            return state, (score(learner, state, test), nis.mean())
+            return state, (score(learner, state, test), nis.mean(where=rows >= 0))
 
         state, (test_scores, nis) = jax.lax.scan(epoch, learner.init()._replace(mean=mean), order)
         return test_scores, nis, state.mean

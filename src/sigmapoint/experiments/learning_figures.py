@@ -12,7 +12,9 @@ from matplotlib.ticker import MaxNLocator
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 
 
-def learning(found: Mapping[str, Float[np.ndarray, "R E"]], floor: float | None, what: str) -> Figure:
+def learning(
+    found: Mapping[str, Float[np.ndarray, "R E"]], floor: float | None, what: str, per: str = "epoch"
+) -> Figure:
     """Mean over runs against epochs, with a band of one standard error; square roots dashed over their dense form."""
     figure = Figure(figsize=(9, 5), layout="constrained")
     axis = figure.subplots()
@@ -32,7 +34,7 @@ def learning(found: Mapping[str, Float[np.ndarray, "R E"]], floor: float | None,
         axis.annotate("noise", (1, floor), xytext=(0, 3), textcoords="offset points", fontsize=9)
     axis.set_yscale("log")
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axis.set_xlabel("epoch")
+    axis.set_xlabel(per)
     axis.set_ylabel(what)
     axis.spines[["top", "right"]].set_visible(False)
     axis.legend(frameon=False, ncols=2)
