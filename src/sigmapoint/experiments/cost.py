@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 from matplotlib.figure import Figure
@@ -38,14 +39,15 @@ HIDDEN, QUICK_HIDDEN = (12, 100, 200, 400, 800), (4, 12)
 RUNS, QUICK_RUNS = 7, 2
 SECONDS = 0.2
 """about what one timing takes: as many updates as go into it"""
-MOST = 500
+PAIRS = 100
+"""different pairs"""
 
 
 class Cost(NamedTuple):
     """Of an update with each number of weights."""
 
-    weights: np.ndarray
-    operations: np.ndarray
+    weights: Any
+    operations: Any
     seconds: np.ndarray
     """one row a repetition"""
 
@@ -65,47 +67,55 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
 
 def measured(hidden: Sequence[int], repetitions: int, seed: int) -> dict[str, Cost]:
     """Every method at every size, repetitions of all methods in turn."""
-    seconds: dict[str, list[list[float]]] = {name: [] for name in METHODS}
-    counts: dict[str, list[float]] = {name: [] for name in METHODS}
-    weights = []
+    costs: list[dict[str, Cost]] = []
     for units in hidden:
-        prepared = {name: _prepared(method, units, seed) for name, (method, _) in METHODS.items()}
-        weights.append(next(iter(prepared.values()))[0].parameters.start.shape[0])
-        for name, (learner, x, d) in prepared.items():
-            counts[name].append(operations(partial(updated, learner), learner.init(), x[:1], d[:1]))
-        for name, each in _timed(prepared, repetitions).items():
-            seconds[name].append(each)
-    return {name: Cost(np.array(weights), np.array(counts[name]), np.array(seconds[name]).T) for name in METHODS}
+        timed = {name: _prepared(method, units, seed) for name, (method, _) in METHODS.items()}
+        taken = [{name: one.seconds() for name, one in timed.items()} for _ in range(repetitions)]
+        costs.append(
+            {
+                name: Cost(5 * units + 2, one.operations(), np.array([each[name] for each in taken]))
+                for name, one in timed.items()
+            }
+        )
+    return {name: Cost(*(np.stack(part, axis=-1) for part in zip(*(each[name] for each in costs)))) for name in METHODS}
 
 
-def _prepared(method: Method, units: int, seed: int) -> tuple[Learner, Array, Array]:
-    """A learner, and pairs for about `SECONDS`."""
+class Timed(NamedTuple):
+    """What is timed: `updates` updates of a learner, the pairs in turn."""
+
+    learner: Learner
+    x: Array
+    d: Array
+    updates: int
+
+    def seconds(self) -> float:
+        """An update takes."""
+        state = self.learner.init()
+        begin = time.perf_counter()
+        jax.block_until_ready(_updated(self.learner, state, self.x, self.d, jnp.asarray(self.updates)))
+        return (time.perf_counter() - begin) / self.updates
+
+    def operations(self) -> float:
+        """Of one update."""
+        return operations(partial(updated, self.learner), self.learner.init(), self.x[:1], self.d[:1])
+
+
+def _prepared(method: Method, units: int, seed: int) -> Timed:
+    """As many updates as take about `SECONDS`."""
     w = network.started((2, units, 2), jax.random.key(seed))
     learner = sp.learner(network.network, w, noise=robot_arm.NOISE**2, method=method, drift=sp.fixed(1e-6))
-    x, d = robot_arm.drawn(MOST, jax.random.key(seed + 1))
-    state = _updates(learner, learner.init(), x[:1], d[:1])
-    begin = time.perf_counter()
-    jax.block_until_ready(_updates(learner, state, x[:1], d[:1]))
-    enough = int(np.clip(SECONDS / (time.perf_counter() - begin), 1, MOST))
-    jax.block_until_ready(_updates(learner, state, x[:enough], d[:enough]))
-    return learner, x[:enough], d[:enough]
-
-
-def _timed(prepared: dict[str, tuple[Learner, Array, Array]], repetitions: int) -> dict[str, list[float]]:
-    """Seconds an update."""
-    taken: dict[str, list[float]] = {name: [] for name in prepared}
-    for _ in range(repetitions):
-        for name, (learner, x, d) in prepared.items():
-            state = learner.init()
-            begin = time.perf_counter()
-            jax.block_until_ready(_updates(learner, state, x, d))
-            taken[name].append((time.perf_counter() - begin) / len(x))
-    return taken
+    one = Timed(learner, *robot_arm.drawn(PAIRS, jax.random.key(seed + 1)), 1)
+    one.seconds()
+    return one._replace(updates=max(1, int(SECONDS / one.seconds())))
 
 
 @eqx.filter_jit
-def _updates(learner: Learner, state: Any, x: Array, d: Array) -> Any:
-    return jax.lax.scan(lambda s, pair: (updated(learner, s, pair[0][None], pair[1][None])[0], None), state, (x, d))[0]
+def _updated(learner: Learner, state: Any, x: Array, d: Array, times: Array) -> Any:
+    def once(i: Array, state: Any) -> Any:
+        pair = jax.tree.map(lambda a: a[i % PAIRS][None], (x, d))
+        return updated(learner, state, *pair)[0]
+
+    return jax.lax.fori_loop(0, times, once, state)
 
 
 def exponents(cost: Cost) -> tuple[float, Mean]:

@@ -97,8 +97,7 @@ def trained(task: Task, runs: int, epochs: int, whole: Sequence[str], key: Array
 def learner(task: Task, method: Method, drift: Drift) -> Learner:
     """The network before it has seen anything."""
     start = network.started(task.sizes, jax.random.key(0))
-    told = {"noise": task.noise, "prior_std": task.prior_std}
-    return sp.learner(network.network, start, method=method, drift=drift, **told)
+    return sp.learner(network.network, start, noise=task.noise, method=method, drift=drift, prior_std=task.prior_std)
 
 
 def drawn(found: Mapping[str, Curves]) -> Figure:

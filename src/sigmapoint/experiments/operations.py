@@ -5,7 +5,7 @@ runs, and a factorisation by its textbook number. Of several branches the cheape
 singular.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -26,35 +26,37 @@ def operations(function: Callable[..., Any], *args: Any) -> float:
     Raises:
         NotImplementedError: a loop whose number of turns depends on its data.
     """
-    return _counted(jax.make_jaxpr(function)(*args).jaxpr, {})
+    return _counted(jax.make_jaxpr(function)(*args).jaxpr)
 
 
-def _counted(jaxpr: Any, known: dict[str, float]) -> float:
-    return sum(_operations(eqn, known) for eqn in jaxpr.eqns)
+def _counted(jaxpr: Any) -> float:
+    structured = [(eqn, _structured(eqn)) for eqn in jaxpr.eqns]
+    rest = [eqn for eqn, known in structured if known is None]
+    return sum(known for _, known in structured if known is not None) + _by_xla(rest)
 
 
-def _operations(eqn: Any, known: dict[str, float]) -> float:
+def _structured(eqn: Any) -> float | None:
+    """Of what is made of other functions, or is a library's."""
     name, params = eqn.primitive.name, eqn.params
     if name == "scan":
-        return params["length"] * _counted(params["jaxpr"].jaxpr, known)
+        return params["length"] * _counted(params["jaxpr"].jaxpr)
     if name == "cond":
-        return min(_counted(branch.jaxpr, known) for branch in params["branches"])
+        return min(_counted(branch.jaxpr) for branch in params["branches"])
     if name == "while":
         raise NotImplementedError("the turns of a loop that ends by its data cannot be counted")
     if name in BY_LIBRARY:
         return float(BY_LIBRARY[name](*(x.aval.shape for x in eqn.invars)))
     inner = next((p for p in params.values() if isinstance(p, core.ClosedJaxpr | core.Jaxpr)), None)
-    if inner is not None:
-        return _counted(inner.jaxpr if isinstance(inner, core.ClosedJaxpr) else inner, known)
-    key = str((name, params, [x.aval for x in eqn.invars]))
-    if key not in known:
-        known[key] = _by_xla(eqn)
-    return known[key]
+    if inner is None:
+        return None
+    return _counted(inner.jaxpr if isinstance(inner, core.ClosedJaxpr) else inner)
 
 
-def _by_xla(eqn: Any) -> float:
-    def alone(*args: Any) -> Any:
-        return eqn.primitive.bind(*args, **eqn.params)
+def _by_xla(eqns: Sequence[Any]) -> float:
+    """Of all these, each on its own."""
 
-    shapes = [jax.ShapeDtypeStruct(x.aval.shape, x.aval.dtype) for x in eqn.invars]
-    return float((jax.jit(alone).lower(*shapes).cost_analysis() or {}).get("flops", 0.0))
+    def apart(groups: Any) -> Any:
+        return [eqn.primitive.bind(*group, **eqn.params) for eqn, group in zip(eqns, groups)]
+
+    given = [[jax.ShapeDtypeStruct(x.aval.shape, x.aval.dtype) for x in eqn.invars] for eqn in eqns]
+    return float((jax.jit(apart).lower(given).cost_analysis() or {}).get("flops", 0.0))
