@@ -36,9 +36,10 @@ def problem(units: int, rows: int, dtype: Any = float) -> tuple[Any, Any, Any]:
     return jax.tree.map(lambda a: jnp.asarray(a, dtype), (w, *robot_arm.drawn(rows, jax.random.key(1))))
 
 
-def learned(method: sp.Method, w: Any, x: Any, d: Any) -> sp.Fit:
+def learned(method: sp.Method, w: Any, x: Any, d: Any, devices: Any = None) -> sp.Fit:
     """One epoch."""
-    return sp.learn(network.network, w, x, d, noise=robot_arm.NOISE**2, prior_std=0.1, method=method)
+    noise = robot_arm.NOISE**2
+    return sp.learn(network.network, w, x, d, noise=noise, prior_std=0.1, method=method, devices=devices)
 
 
 def beside_filterpy(repetitions: int, units: int = 100) -> dict[str, Any]:
@@ -100,10 +101,10 @@ def _resident(field: str) -> int:
 
 
 def ten_thousand(updates: int) -> dict[str, Any]:
-    """In a process of its own: a 2-2000-2 network, 10,002 weights, in 32 bits."""
-    w, x, d = problem(2_000, updates, jnp.float32)
+    """In a process of its own: a 2-2002-2 network, 10,012 weights, in 32 bits, on all devices."""
+    w, x, d = problem(2_002, updates, jnp.float32)
     begin = time.perf_counter()
-    fit = learned(sp.srcdkf(), w, x, d)
+    fit = learned(sp.srcdkf(), w, x, d, jax.devices())
     jax.block_until_ready(fit.state)
     seconds = time.perf_counter() - begin
     return {
@@ -111,7 +112,19 @@ def ten_thousand(updates: int) -> dict[str, Any]:
         "updates": int(fit.state.step),
         "seconds an update": seconds / updates,
         "finite": bool(jnp.isfinite(fit.state.uncertainty.columns).all()),
+        "mean": fit.state.mean.tolist(),
     }
+
+
+def on_devices(updates: int) -> dict[str, Any]:
+    """That on one device and on four, and how far their weights are apart."""
+    four = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=4"
+    found = {
+        name: alone(__file__, "ten_thousand", str(updates), env=os.environ | environment)
+        for name, environment in (("one device", {}), ("four devices", {"XLA_FLAGS": four}))
+    }
+    one, several = (np.array(each.pop("mean")) for each in found.values())
+    return {**found, "difference of the weights": float(np.abs(one - several).max() / np.abs(one).max())}
 
 
 def main() -> None:
@@ -130,7 +143,7 @@ def main() -> None:
         "beside scaling the matrix": beside_scaling(given.repetitions),
         "beside the EKF": beside_ekf(given.repetitions),
         "peak memory over 8 L², L = 4002": alone(__file__, "memory", "800", env=environment),
-        "ten thousand weights": alone(__file__, "ten_thousand", "20", env=environment),
+        "ten thousand weights": on_devices(20),
     }
     written(found, given.out, "learning.json")
 

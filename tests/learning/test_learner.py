@@ -334,3 +334,25 @@ def test_bad_pairs(x, d, message):
     learner = sp.learner(lambda w, x: w @ x, jnp.zeros(2), noise=1.0)
     with pytest.raises(ValueError, match=message):
         learner.update(learner.init(), x, d)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64], ids=["float32", "float64"])
+@pytest.mark.parametrize("method", [sp.srukf(), sp.srcdkf(), sp.srekf()], ids=["srukf", "srcdkf", "srekf"])
+def test_a_factor_stays_one_for_a_hundred_thousand_updates(method, dtype):
+    L, N, epochs = 5, 100, 1000
+    x, d = linear(L, N)
+    fit = sp.learn(
+        lambda w, x: x @ w, jnp.zeros(L, dtype), x, d, noise=0.01, method=method, drift=sp.forgetting(0.999),
+        prior_std=3.0, epochs=epochs,
+    )  # fmt: skip
+    S = np.asarray(fit.state.factor)
+    assert S.dtype == dtype
+    assert int(fit.state.step) == N * epochs
+    np.testing.assert_array_equal(S, np.tril(S))
+    assert (np.diag(S) > 0).all()
+    # Forgetting leaves the sum over the past, which is periodic.
+    weights = 0.999 ** np.arange(20 * N)[::-1]
+    past = np.tile(x, (20, 1))
+    information = (past * weights[:, None]).T @ past / 0.01 / (1 - 0.999 ** (20 * N))
+    rtol = 2e-3 if dtype == jnp.float32 else 1e-9
+    np.testing.assert_allclose(np.linalg.inv(S.astype(float) @ S.T), information, rtol=rtol, atol=rtol * 1e4)
