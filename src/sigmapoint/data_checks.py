@@ -49,7 +49,10 @@ def long_enough(T: int, **noises: Any) -> None:
                 raise ValueError(f"{name} is given for {part.shape[0]} instants, but y has {T} rows")
 
 
-def inputs(u: Any, T: int | None, dtype: Any, called: str = "u", rows_of: str = "y") -> Any:
+INPUTS_KNOWN = "Inputs must be known: interpolate them, or hold the last value"
+
+
+def inputs(u: Any, T: int | None, dtype: Any, called: str = "u", rows_of: str = "y", hint: str = INPUTS_KNOWN) -> Any:
     """Every leaf an array with leading axis T (any shape where T is None), floating ones in `dtype` and without NaN."""
 
     def leaf(path: Any, value: Any) -> Array | np.ndarray:
@@ -66,7 +69,7 @@ def inputs(u: Any, T: int | None, dtype: Any, called: str = "u", rows_of: str = 
         if T is not None and (made.ndim == 0 or made.shape[0] != T):
             raise ValueError(f"{name} must have one row for each of the {T} rows of {rows_of}, got shape {made.shape}")
         if jnp.issubdtype(made.dtype, jnp.floating):
-            checks.finite(name, made, "Inputs must be known: interpolate them, or hold the last value")
+            checks.finite(name, made, hint)
             made = made.astype(dtype)
         return made
 

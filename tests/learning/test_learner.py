@@ -246,14 +246,42 @@ def test_learned_noise_recovers_from_targets_without_noise():
     assert 0.3 < float(s.noise) < 3
 
 
-def test_states_of_many_learners_at_once():
-    learner = sp.learner(lambda w, x: w @ x, jnp.zeros(3), noise=0.1)
+@ALL
+def test_states_of_many_learners_at_once(method):
+    learner = sp.learner(lambda w, x: w @ x, jnp.zeros(3), noise=0.1, method=method)
     x, d = np.random.default_rng(0).normal(size=(3, 3)), np.ones(3)
     many, _ = jax.vmap(lambda x, d: learner.update(learner.init(), x, d))(x, d)
     for i in range(3):
         one, _ = learner.update(learner.init(), x[i], d[i])
         np.testing.assert_allclose(many.cov[i], one.cov, atol=1e-12)
         np.testing.assert_allclose(many.factor[i], one.factor, atol=1e-12)
+        np.testing.assert_allclose(many.std[i], one.std, atol=1e-12)
+
+
+def test_a_gap_in_the_data_does_not_calm_the_drift():
+    learner = sp.learner(lambda w, x: w * x, 0.0, noise=0.1, drift=sp.robbins_monro(0.01, 0.5))
+    s, _ = learner.update(learner.init(), 1.0, np.nan)
+    np.testing.assert_array_equal(s.drift, 0.01)
+    s, _ = learner.update(s, 1.0, 0.0)
+    assert float(s.drift[0]) != 0.01
+
+
+def test_a_learner_may_be_made_where_it_is_compiled():
+    def slope(std):
+        learner = sp.learner(lambda w, x: w * x, 0.0, noise=0.1, prior_std=std)
+        return learner.update(learner.init(), 1.0, 1.0)[0].mean[0]
+
+    np.testing.assert_allclose(jax.jit(slope)(2.0), slope(2.0), rtol=1e-12)
+    np.testing.assert_allclose(jax.grad(slope)(2.0), 2 * 2.0 * 0.1 / (4 + 0.1) ** 2, rtol=1e-9)
+
+
+def test_deviations_may_come_as_a_module_and_numbers_take_the_type_of_arrays():
+    net = eqx.nn.MLP(2, 1, 4, 1, key=jax.random.key(0), dtype=jnp.float32)
+    std = jax.tree.map(lambda a: 0.5 if eqx.is_array(a) else a, net)
+    s = sp.learner(lambda net, x: net(x), net, noise=0.1, prior_std=std).init()
+    np.testing.assert_array_equal(s.std, 0.5)
+    both = sp.learner(lambda w, x: w["a"] * x + w["b"].sum(), {"a": 1.0, "b": jnp.ones(2, jnp.float32)}, noise=0.1)
+    assert both.init().mean.dtype == jnp.float32
 
 
 def test_equinox_modules_are_trained_where_they_have_arrays():
@@ -262,6 +290,7 @@ def test_equinox_modules_are_trained_where_they_have_arrays():
     s, _ = learner.update(learner.init(), np.ones(2), np.ones(1))
     assert isinstance(learner.params(s), eqx.nn.MLP)
     assert learner.params(s)(jnp.ones(2)).shape == (1,)
+    assert learner.predict(s, np.ones(2)).std.shape == (1,)
 
 
 def test_noise_is_learned_in_the_form_it_is_given():

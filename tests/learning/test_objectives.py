@@ -129,7 +129,7 @@ def test_the_residual_of_a_function_is_that_function(method):
     found, info = learned(one, x, d)
     np.testing.assert_allclose(found.mean, direct.mean, rtol=1e-10)
     assert info.prediction.shape == (1,)
-    plain = sp.learner(g, w, noise=1.0, method=method)
+    plain = sp.learner(g, w, noise=1.0, method=sp.at_mean(method))
     np.testing.assert_allclose(one.predict(found, x[0]).mean, plain.predict(found, x[0]).mean)
 
 
@@ -177,6 +177,13 @@ def test_classes_are_learned_and_told_as_probabilities():
     assert (chances.argmax(1) == label).mean() > 0.9
 
 
+def test_classes_may_be_true_and_false_and_logits_are_one_for_each():
+    e = sp.cross_entropy(lambda w, x: w)
+    np.testing.assert_array_equal(e.error(jnp.arange(2.0), None, True), e.error(jnp.arange(2.0), None, 1))
+    with pytest.raises(ValueError, match=r"logits must have shape \(K,\)"):
+        e.error(jnp.ones((3, 1)), None, 0)
+
+
 def test_a_class_that_does_not_exist_is_not_another():
     e = sp.cross_entropy(lambda w, x: w)
     assert np.isnan(e.error(jnp.zeros(3), None, 3))
@@ -186,7 +193,7 @@ def test_a_class_that_does_not_exist_is_not_another():
 @pytest.mark.parametrize(
     ("make", "match"),
     [
-        (lambda: sp.recurrent(leaky, ()), "h0 must hold at least one"),
+        (lambda: sp.recurrent(leaky, ()), "h0 must hold at least one number"),
         (lambda: sp.recurrent(leaky, np.array([np.nan])), "h0"),
     ],
 )
@@ -199,3 +206,26 @@ def test_a_residual_alone_predicts_nothing():
     one = sp.learner(sp.residual(lambda w, x, d: w - d), 0.0, noise=1.0)
     with pytest.raises(ValueError, match="predict="):
         one.predict(one.init(), 1.0)
+
+
+def test_probabilities_stay_in_range_before_anything_is_learned():
+    r = np.random.default_rng(0)
+    w = {"out": 2 * r.normal(size=12), "bias": jnp.zeros(())}
+    one = sp.learner(
+        sp.cross_entropy(lambda w, x: jnp.stack([0 * x[0], w["out"] @ x, w["bias"] - w["out"] @ x])), w, noise=1.0,
+        prior_std=2.0,
+    )  # fmt: skip
+    chances = jax.vmap(lambda x: one.predict(one.init(), x).mean)(jnp.asarray(r.normal(size=(50, 12))))
+    assert ((chances >= 0) & (chances <= 1)).all()
+
+
+def test_labels_may_be_traced_and_one_hot_is_refused():
+    one = sp.learner(sp.cross_entropy(lambda w, x: w @ x), np.zeros((3, 2)), noise=1.0)
+    x, label = np.ones((4, 2)), np.array([0, 1, 2, 1])
+    scanned, _ = jax.lax.scan(lambda s, pair: one.update(s, *pair), one.init(), (x, label))
+    stepped, _ = learned(one, x, label)
+    np.testing.assert_allclose(scanned.mean, stepped.mean, rtol=1e-12)
+    with pytest.raises(ValueError, match="one-hot"):
+        one.update(one.init(), x[0], np.array([0, 1, 0]))
+    with pytest.raises(ValueError, match="A residual needs its targets"):
+        one.update(one.init(), x[0], np.nan)

@@ -12,6 +12,8 @@ import pytest
 
 import sigmapoint as sp
 from sigmapoint.learning import training
+from sigmapoint.learning.checkpoints import fingerprint
+from sigmapoint.learning.interrupts import uninterrupted
 
 
 def problem(N=60):
@@ -107,13 +109,14 @@ def test_kill_and_resume(tmp_path):
     script.write_text(
         textwrap.dedent("""
         import sys, numpy as np, jax, jax.numpy as jnp, sigmapoint as sp
+        import equinox as eqx
         from sigmapoint.learning import training
         jax.config.update("jax_enable_x64", True)
         training.SAVED_EVERY, training.LONGEST_CALL = 0.0, 20
         r = np.random.default_rng(0)
         x = r.normal(size=(200, 2)); d = np.sin(x[:, 0]) * x[:, 1]
-        w = {"in": r.normal(size=(8, 3)), "out": r.normal(size=9) / 3}
-        g = lambda w, x: w["out"] @ jnp.append(jnp.tanh(w["in"] @ jnp.append(x, 1.0)), 1.0)
+        w = eqx.nn.MLP(2, "scalar", 8, 1, activation=jnp.tanh, key=jax.random.key(0))
+        g = lambda w, x: w(x)
         fit = sp.learn(g, w, x, d, noise=0.01, epochs=30, key=0, checkpoint=sys.argv[1] if len(sys.argv) > 2 else None,
                        progress=lambda p: print(p, flush=True))
         np.save(sys.argv[-1], fit.state.mean)
@@ -180,3 +183,48 @@ def test_without_targets_nothing_is_said_about_errors():
     fit = sp.learn(lambda w, x: w * x, 1.0, x, np.full(4, np.nan), noise=1.0)
     assert np.isnan(fit.history.mse).all()
     assert float(fit.params) == 1.0
+
+
+def test_what_cannot_be_written_or_validated_shows_before_training():
+    x, d, w = problem(10)
+    calls = []
+
+    def seen(w, x):
+        calls.append(1)
+        return g(w, x)
+
+    with pytest.raises(OSError, match="nowhere"):
+        sp.learn(seen, w, x, d, **SETTINGS, checkpoint="/nowhere/at/all.npz", progress=calls.append)
+    assert not any(isinstance(call, sp.Progress) for call in calls)
+    with pytest.raises(ValueError, match="validation has no known target"):
+        sp.learn(g, w, x, d, **SETTINGS, validation=(x, np.full_like(d, np.nan)))
+
+
+def test_a_fingerprint_is_of_numbers_not_of_where_functions_are():
+    one, other = ((np.arange(3.0), lambda x: x, {"a": 1}) for _ in range(2))
+    np.testing.assert_array_equal(fingerprint("s", one), fingerprint("s", other))
+    for different in ((np.arange(3), one[1], {"a": 1}), (one[0][None], one[1], {"a": 1}), (*one[:2], {"b": 1})):
+        assert (fingerprint("s", one) != fingerprint("s", different)).any()
+    assert (fingerprint("s", one) != fingerprint("t", one)).any()
+
+
+def test_ctrl_c_waits_once_and_goes_to_who_was_to_get_it():
+    heard = []
+    before = signal.signal(signal.SIGINT, lambda *_: heard.append("own"))
+    try:
+        with uninterrupted():
+            signal.raise_signal(signal.SIGINT)
+            assert heard == []
+            signal.raise_signal(signal.SIGINT)
+            assert heard == ["own"]
+        assert heard == ["own", "own"]
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        with uninterrupted():
+            signal.raise_signal(signal.SIGINT)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        with pytest.raises(KeyboardInterrupt), uninterrupted():  # noqa: PT012
+            signal.raise_signal(signal.SIGINT)
+            heard.append("end")
+        assert heard[-1] == "end"
+    finally:
+        signal.signal(signal.SIGINT, before)

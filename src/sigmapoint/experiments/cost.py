@@ -90,7 +90,7 @@ class Timed(NamedTuple):
 
     def seconds(self) -> float:
         """An update takes."""
-        state = self.learner.init()
+        state = jax.block_until_ready(self.learner.init())
         begin = time.perf_counter()
         jax.block_until_ready(_updated(self.learner, state, self.x, self.d, jnp.asarray(self.updates)))
         return (time.perf_counter() - begin) / self.updates

@@ -4,7 +4,7 @@ Settings: of 5 to 20 for each process noise, on two other orbits and from other 
 the SR-UKF, those with the lowest error in the end. Swept were fixed 1e-7 … 1e-4, annealed 1e-4 … 1e-2 by 0.99 …
 0.9995, forgetting 0.995 … 0.9999, Robbins-Monro 1e-6 … 1e-3 at 1e-4 … 0.5, each added with correlations kept, which was
 better here, and on the diagonal. The variance of targets is about the error reached, one for all; with 0.5, the paper's
-example, Robbins-Monro was slower at every rate tried.
+example, Robbins-Monro was slower at three of four rates, and as fast at the fourth.
 """
 
 from pathlib import Path

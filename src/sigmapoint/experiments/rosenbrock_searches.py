@@ -47,7 +47,8 @@ class Search(NamedTuple):
 
 def filtered(method: Method, starts: Float[np.ndarray, "R 2"], noise: float, drift: Drift) -> list[Search]:
     """A filter from every start."""
-    learner = sp.learner(lambda w, x: rosenbrock.residual(w), jnp.zeros(2), noise=noise, method=method, drift=drift)
+    valley = sp.residual(lambda w, x, d: rosenbrock.residual(w))
+    learner = sp.learner(valley, jnp.zeros(2), noise=noise, method=method, drift=drift)
     points = len(method.rule.constants(2).points) if isinstance(method.rule, SigmaPointRule) else 1
     jacobians = 0 if isinstance(method.rule, SigmaPointRule) else 1
     paths = _paths(learner, jnp.asarray(starts))
@@ -63,7 +64,7 @@ def _counted(path: np.ndarray, costs: np.ndarray, points: int, jacobians: int) -
 def _paths(learner: Learner, starts: Float[Array, "R 2"]) -> Float[Array, "R K 2"]:
     def one(start: Array) -> Array:
         def step(state: Any, _: None) -> Any:
-            after = updated(learner, state, jnp.zeros(1), jnp.zeros((1, 2)))[0]
+            after = updated(learner, state, (jnp.zeros(1), None), None)[0]
             return after, after.mean
 
         _, path = jax.lax.scan(step, learner.init()._replace(mean=start), length=UPDATES)

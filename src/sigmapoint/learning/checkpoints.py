@@ -4,6 +4,7 @@ import hashlib
 from pathlib import Path
 from typing import Any, TypeVar
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -13,10 +14,13 @@ Tree = TypeVar("Tree")
 
 
 def fingerprint(settings: Any, arrays: Any) -> np.ndarray:
-    """Of settings, by how they are printed, and of all numbers in a pytree."""
+    """Of settings, by how they are printed, and of all numbers in a pytree; functions in it are not looked at."""
     hashed = hashlib.sha256(repr(settings).encode())
-    for leaf in jax.tree.leaves(arrays):
-        hashed.update(np.ascontiguousarray(leaf).tobytes())
+    for where, leaf in jax.tree_util.tree_leaves_with_path(arrays):
+        hashed.update(jax.tree_util.keystr(where).encode())
+        if eqx.is_array_like(leaf):
+            numbers = np.ascontiguousarray(leaf)
+            hashed.update(f"{numbers.dtype}{numbers.shape}".encode() + numbers.tobytes())
     return np.frombuffer(hashed.digest(), np.uint8)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sigmapoint.learning.learner import Learner
-from sigmapoint.learning.state import LearnerState
+from sigmapoint.learning.state import LearnerState, Prediction
 
 
 class History(NamedTuple):
@@ -45,15 +45,17 @@ class Fit(NamedTuple):
         """Their standard deviations, likewise; every epoch counts the data again, and makes them smaller."""
         return self.learner.std_params(self.state)
 
-    def predict(self, x: Any) -> Any:
+    def predict(self, x: Any) -> Prediction:
         """As `Learner.predict`, for one input."""
         return self.learner.predict(self.state, x)
 
     def __str__(self) -> str:
         errors = self.history.validation
         checked = "" if np.isnan(errors).all() else f", {np.nanmin(errors):.4g} in validation"
-        last = f"squared error {self.history.mse[-1]:.4g}"
-        return f"{self.state.mean.shape[0]} parameters after {self.history.epochs} epochs: {last}{checked}"
+        last, nis = f"squared error {self.history.mse[-1]:.4g}", self.history.nis[-1]
+        wide = "too narrow" if nis > 1 else "too wide"
+        trust = "" if 1 / 3 < nis < 3 or np.isnan(nis) else f"; NIS {nis:.2g} an element, not 1: error bars are {wide}"
+        return f"{self.state.mean.shape[0]} parameters after {self.history.epochs} epochs: {last}{checked}{trust}"
 
 
 class Progress(NamedTuple):

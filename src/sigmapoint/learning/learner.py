@@ -5,6 +5,7 @@ Unscented Kalman Filter for State and Parameter-Estimation" (2001), Algorithm 3.
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -20,7 +21,7 @@ from sigmapoint.carry import Redraw
 from sigmapoint.learning import measurement_noise, sharding
 from sigmapoint.learning.drift import Drift, fixed
 from sigmapoint.learning.measurement_noise import Known, MeasurementNoise
-from sigmapoint.learning.objectives import Objective, objective
+from sigmapoint.learning.objectives import Objective, listed, objective
 from sigmapoint.learning.parameters import Parameters
 from sigmapoint.learning.state import LearnerInfo, LearnerState, Memory, Prediction
 from sigmapoint.learning.triangular import GROUPS
@@ -117,10 +118,11 @@ class Learner(eqx.Module):
             The new state, and what the target looked like.
 
         Raises:
-            ValueError: a target of another shape than the prediction, NaN or infinity in `x`, infinity in `d`.
+            ValueError: a target of another shape than the prediction or the noise, NaN or infinity in `x`, infinity in
+                `d`.
         """
         checks.unmasked("target", d)
-        return self.update_batch(state, jax.tree.map(_alone, x), jax.tree.map(_alone, d, is_leaf=_listed))
+        return self.update_batch(state, jax.tree.map(_alone, x), jax.tree.map(_alone, d, is_leaf=listed))
 
     def update_batch(self, state: LearnerState, x: Any, d: Any) -> tuple[LearnerState, LearnerInfo]:
         """Learn from several pairs at once, as one long target.
@@ -147,6 +149,9 @@ class Learner(eqx.Module):
 
         Returns:
             Mean and standard deviation, of the shape of a target.
+
+        Raises:
+            ValueError: NaN or infinity in `x`; a residual without `predict`.
 
         Examples:
             >>> import sigmapoint as sp
@@ -200,7 +205,7 @@ def learner(
         w0: where to start: any pytree of floating-point arrays and numbers (dicts, Equinox modules). Other leaves stay
             as they are.
         noise: how far targets are from a perfect prediction: one variance for all elements of a target, one for each,
-            or a covariance (m, m), in squared units of the targets; or `learned_noise(...)`.
+            or a covariance (m, m), in squared units of the targets; or `learned_noise(...)`. A state carries it on.
         method: `srcdkf()` where not given; its points stay √3 standard deviations out, those of `srukf()` √L. Square
             roots and `ekf` cost O(M L²) for M elements of a target and L parameters, the other dense ones O(L³).
         drift: how much parameters may move between samples; `fixed(0)` where not given.
@@ -243,11 +248,6 @@ def _alone(a: Any) -> Any:
     return a[None] if isinstance(a, jax.Array) else np.asarray(a)[None]
 
 
-def _listed(d: Any) -> bool:
-    """Whether this is a target written as a list."""
-    return isinstance(d, list)
-
-
 @eqx.filter_jit
 def _updated(learner: Learner, state: LearnerState, x: Any, d: Any) -> tuple[LearnerState, LearnerInfo]:
     return updated(learner, state, x, d)
@@ -269,7 +269,7 @@ def updated(learner: Learner, state: LearnerState, x: Any, d: Any) -> tuple[Lear
     known = jnp.where(there[:, None] & there[None, :], R, 0.0)
     noise = known + bend @ bend.T + jnp.diag(jnp.where(there, 0.0, 1.0))
     innovation = jnp.where(there, jnp.ravel(d) - seen.mean, 0.0)
-    learned = factor.updated(slope, noise, groups=GROUPS if learner.mesh is None else 1)
+    learned = factor.updated(slope, noise, groups=GROUPS if sharding.parts(learner.mesh) == 1 else 1)
     white = solve_lower(learned.factor, innovation)
     moved = learned.gain.T @ white
     found = measurement_noise.expected(R, white, solve_lower(learned.factor, known))
@@ -278,7 +278,7 @@ def updated(learner: Learner, state: LearnerState, x: Any, d: Any) -> tuple[Lear
     after = LearnerState(
         state.mean + moved,
         uncertainty.carried(learned.uncertainty),
-        learner.drift.after(state.drift, moved),
+        jax.tree.map(partial(jnp.where, there.any()), learner.drift.after(state.drift, moved), state.drift),
         learner.noise.after(state.noise, found),
         Memory(remembered.mean + remembered.slope @ moved, remembered.slope),
         state.step + 1,
@@ -297,14 +297,14 @@ def _seen(learner: Learner, state: LearnerState, factor: Factor, x: Any, size: i
         values, after = learner.objective.values(w, memory, x)
         return jnp.concatenate([jnp.ravel(values).astype(after.dtype), after])
 
-    lin = _linearized(learner, state, factor, both)
+    lin = _linearized(learner, learner.method, state, factor, both)
     slope = lin.slope[size:]
     slope = solve_upper(factor.factor, slope.T).T if slope.size else slope
     return Linearization(*(part[:size] for part in lin)), Memory(lin.mean[size:], slope)
 
 
 def _linearized(
-    learner: Learner, state: LearnerState, factor: Factor, function: Callable[[Any, Array], Array]
+    learner: Learner, method: Method, state: LearnerState, factor: Factor, function: Callable[[Any, Array], Array]
 ) -> Linearization:
     """`function(w, memory)`, where the memory depends on the parameters too, about their mean."""
     together = sharding.gathered(learner.mesh)
@@ -313,7 +313,7 @@ def _linearized(
         memory = state.memory.mean + state.memory.slope @ step
         return jnp.ravel(function(learner.parameters.tree(together(state.mean + step)), memory)).astype(step.dtype)
 
-    return learner.method.rule(at, factor.factor, Euclidean())
+    return method.rule(at, factor.factor, Euclidean())
 
 
 @eqx.filter_jit
@@ -321,7 +321,8 @@ def _predicted(learner: Learner, state: LearnerState, x: Any) -> Prediction:
     def value(w: Any, memory: Array) -> Array:
         return learner.objective.prediction(w, memory, x)
 
-    shape = jax.eval_shape(value, learner.parameters.tree(state.mean), state.memory.mean).shape
-    lin = _linearized(learner, state, state.uncertainty.factored, value)
+    shape = jax.eval_shape(lambda s: value(learner.parameters.tree(s.mean), s.memory.mean), state).shape
+    method = learner.objective.predicted_by(learner.method)
+    lin = _linearized(learner, method, state, state.uncertainty.factored, value)
     std = norm_rows(jnp.concatenate([lin.slope, lin.bend], axis=1))
     return Prediction(lin.mean.reshape(shape), std.reshape(shape))

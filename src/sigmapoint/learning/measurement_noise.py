@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
@@ -102,14 +104,18 @@ def learned_noise(initial: Any, rate: float) -> MeasurementNoise:
 
 def checked(name: str, noise: Any) -> Any:
     """A covariance as `covariance` takes it, in nested tuples."""
-    given = checks.array(name, noise)
-    if given.ndim > 2:
-        raise ValueError(f"{name} must be a variance, variances (m,), or a covariance (m, m), got shape {given.shape}")
-    if given.ndim == 2:
-        checks.covariance(name, given)
-    variances = jnp.diagonal(given) if given.ndim == 2 else given
-    if not bool((jnp.isfinite(variances) & (variances > 0)).all()):
-        raise ValueError(f"{name}: the variance of a target must be finite and greater than zero")
+    with jax.ensure_compile_time_eval():  # it may be called where a program is compiled
+        given = checks.array(name, noise)
+        if given.ndim > 2:
+            raise ValueError(
+                f"{name} must be a variance, variances (m,), or a covariance (m, m), got shape {given.shape}"
+            )
+        if given.ndim == 2:
+            checks.covariance(name, given)
+        given = np.asarray(given)
+        variances = np.diagonal(given) if given.ndim == 2 else given
+        if not (np.isfinite(variances) & (variances > 0)).all():
+            raise ValueError(f"{name}: the variance of a target must be finite and greater than zero")
     return _tuples(given.tolist())
 
 

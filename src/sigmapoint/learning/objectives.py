@@ -8,6 +8,7 @@ All are seen in one way, `values(w, memory, inputs) -> (values, memory after)` b
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
@@ -19,6 +20,10 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks, data_checks
 from sigmapoint.linalg import safe_sqrt
+from sigmapoint.methods import Method
+from sigmapoint.variants import at_mean
+
+MUST_BE_KNOWN = "A residual needs its targets: leave out the pairs that have none"
 
 
 @runtime_checkable
@@ -41,6 +46,10 @@ class Objective(Protocol):
         """For one new input."""
         ...
 
+    def predicted_by(self, method: Method) -> Method:
+        """How that is averaged over what is known of the parameters."""
+        ...
+
 
 class Function(eqx.Module):
     """d = G(w, x)."""
@@ -58,6 +67,9 @@ class Function(eqx.Module):
 
     def prediction(self, w: Any, memory: Float[Array, " H"], x: Any) -> Array:
         return jnp.asarray(self.function(w, x))
+
+    def predicted_by(self, method: Method) -> Method:
+        return method
 
 
 class Recurrent(eqx.Module):
@@ -79,7 +91,7 @@ class Recurrent(eqx.Module):
             after, value = self.cell(w, unravel(h), x)
             flat = ravel_pytree(after)[0].astype(h.dtype)
             if jax.tree.structure(after) != jax.tree.structure(self.start) or flat.shape != h.shape:
-                raise ValueError(f"cell must return (memory like h0, prediction); the memory is {after}")
+                raise ValueError(f"cell must return (memory like h0, prediction); the memory is {_shapes(after)}")
             return flat, jnp.asarray(value)
 
         memory, values = jax.lax.scan(once, memory, inputs)
@@ -87,6 +99,9 @@ class Recurrent(eqx.Module):
 
     def prediction(self, w: Any, memory: Float[Array, " H"], x: Any) -> Array:
         return self.values(w, memory, jax.tree.map(lambda a: jnp.asarray(a)[None], x))[0][0]
+
+    def predicted_by(self, method: Method) -> Method:
+        return method
 
 
 class Residual(eqx.Module):
@@ -96,11 +111,12 @@ class Residual(eqx.Module):
     predict: Callable[[Any, Any], Any] | None = eqx.field(static=True)
 
     def checked(self, x: Any, d: Any, dtype: Any) -> tuple[Any, Array | np.ndarray | None]:
+        d = jax.tree.map(lambda a: np.asarray(a) if listed(a) else a, d, is_leaf=listed)
         shape = next((np.shape(leaf) for leaf in jax.tree.leaves((d, x))), ())
         if not shape or not shape[0]:
             raise ValueError(f"inputs and targets must be (B, ...) with B >= 1, got shape {shape}")
         x = data_checks.inputs(x, shape[0], dtype, "inputs", "targets")
-        return (x, data_checks.inputs(d, shape[0], dtype, "targets", "inputs")), None
+        return (x, data_checks.inputs(d, shape[0], dtype, "targets", "inputs", MUST_BE_KNOWN)), None
 
     def remembered(self, dtype: Any) -> Float[Array, " H"]:
         return jnp.zeros(0, dtype)
@@ -113,13 +129,17 @@ class Residual(eqx.Module):
             raise ValueError("a residual alone predicts nothing: give sp.residual(e, predict=...) a function of (w, x)")
         return jnp.asarray(self.predict(w, x))
 
+    def predicted_by(self, method: Method) -> Method:
+        # By the value at the mean: a sum with a negative weight may leave the range of values, of probabilities say.
+        return at_mean(method)
+
 
 def recurrent(cell: Callable[[Any, Any, Any], tuple[Any, Any]], h0: Any) -> Objective:
     """A function with a memory, for `learner` and `learn` in place of a function.
 
     What it remembers depends on the parameters. That is followed by its derivative ∂h/∂w, found in the same way as that
-    of the prediction (by derivatives or by sigma points: real-time recurrent learning), and so the memory moves as the
-    parameters do. Cost: O(H L²) for H numbers remembered.
+    of the prediction (by derivatives or by sigma points: real-time recurrent learning, Williams & Zipser 1989), and so
+    the memory moves as the parameters do; to first order, also for sigma points. O(H L²) for a memory of H numbers.
 
     Args:
         cell: `cell(w, h, x) -> (h_after, prediction)` for input `x`; the memory `h` is a pytree like `h0`.
@@ -142,10 +162,10 @@ def recurrent(cell: Callable[[Any, Any, Any], tuple[Any, Any]], h0: Any) -> Obje
         0.3
     """
     _callable("cell", cell, "(w, h, x)")
-    h0 = jax.tree.map(lambda a: jnp.asarray(a, float) if isinstance(a, int | float) else jnp.asarray(a), h0)
+    h0 = jax.tree.map(partial(checks.array, "h0"), h0)
     flat = ravel_pytree(h0)[0]
-    if not flat.size or not jnp.issubdtype(flat.dtype, jnp.floating):
-        raise ValueError("h0 must hold at least one floating-point number; without a memory, pass the function itself")
+    if not flat.size:
+        raise ValueError("h0 must hold at least one number; without a memory, pass the function itself")
     checks.finite("h0", flat)
     return Recurrent(cell, h0)
 
@@ -153,12 +173,15 @@ def recurrent(cell: Callable[[Any, Any, Any], tuple[Any, Any]], h0: Any) -> Obje
 def residual(error: Callable[[Any, Any, Any], Any], predict: Callable[[Any, Any], Any] | None = None) -> Objective:
     """Any cost, as a residual that should be zero, for `learner` and `learn` in place of a function.
 
-    Σ |e|² / (2 noise) is what is minimised. A cost J ≥ 0 has the residual √(2J); a sample that counts c times as much
-    as another has √c times its residual.
+    Σ |e|² / (2 noise) is what is minimised. A cost J ≥ 0 of an error has the residual ±√(2J), with the sign of the
+    error: a residual that is folded up at zero has no slope there. A sample that counts c times as much as another has
+    √c times its residual.
 
     Args:
-        error: `error(w, x, d)` for input `x` and target `d`, any pytrees (class labels, for example); any shape.
-        predict: `predict(w, x)`, which `Learner.predict` is to give for new inputs.
+        error: `error(w, x, d)` for input `x` and target `d`, any pytrees (class labels, for example); any shape. Both
+            must be known: leave out a pair that is not.
+        predict: `predict(w, x)`, which `Learner.predict` is to give for new inputs: the value at the mean of the
+            parameters.
 
     Raises:
         ValueError: no function.
@@ -184,7 +207,8 @@ def cross_entropy(logits: Callable[[Any, Any], Any]) -> Objective:
 
     Args:
         logits: `logits(w, x)`, one number for each class, shape (K,): logarithms of the odds, up to a constant. Targets
-            are whole numbers from 0 to K − 1. `Learner.predict` gives the probabilities of the classes.
+            are whole numbers from 0 to K − 1, each known; any other number makes everything NaN. `Learner.predict`
+            gives the probabilities of the classes, at the mean of the parameters.
 
     Raises:
         ValueError: no function.
@@ -201,13 +225,23 @@ def cross_entropy(logits: Callable[[Any, Any], Any]) -> Objective:
     _callable("logits", logits, "(w, x)")
 
     def error(w: Any, x: Any, label: Any) -> Array:
-        z = jnp.asarray(logits(w, x))
-        label = jnp.asarray(label)
+        z, label = jnp.asarray(logits(w, x)), jnp.asarray(label)
+        if z.ndim != 1:
+            hint = "; for two classes return jnp.stack([0, z])" if z.ndim == 0 else ""
+            raise ValueError(f"logits must have shape (K,), one number a class, got {z.shape}{hint}")
+        if label.ndim:
+            raise ValueError(f"a target must be one whole number, the class, got shape {label.shape}; one-hot? argmax")
+        label = label.astype(int) if label.dtype == bool else label
         own = jnp.arange(z.shape[0], dtype=label.dtype) == label
         odds = jax.nn.logsumexp(jnp.where(own, -jnp.inf, z - jnp.sum(jnp.where(own, z, 0.0))))
         return jnp.where(own.any(), safe_sqrt(2 * jax.nn.softplus(odds)), jnp.nan)
 
     return Residual(error, lambda w, x: jax.nn.softmax(jnp.asarray(logits(w, x))))
+
+
+def listed(d: Any) -> bool:
+    """Whether this is a target written as a list."""
+    return isinstance(d, list)
 
 
 def objective(given: Any) -> Objective:
@@ -224,8 +258,14 @@ def _callable(name: str, given: Any, arguments: str) -> None:
         raise ValueError(f"{name} must be a function of {arguments}, got {type(given).__name__}")
 
 
+def _shapes(tree: Any) -> Any:
+    return jax.tree.map(jnp.shape, tree)
+
+
 def _paired(x: Any, d: Any, dtype: Any) -> tuple[Any, Array | np.ndarray]:
     """Inputs and targets with a leading axis, as arrays."""
+    if not jax.tree.leaves(x):
+        raise ValueError("inputs must hold at least one array; where there are none, pass zeros (B,)")
     checks.unmasked("targets", d)
     d = d if isinstance(d, np.ndarray) and d.dtype == dtype else checks.array("targets", d)
     if d.ndim == 0 or d.shape[0] == 0:

@@ -25,16 +25,26 @@ class Parameters(eqx.Module):
     @classmethod
     def of(cls, w0: Any, std: Any) -> "Parameters":
         """From a pytree and its standard deviations: a number, or a pytree like it."""
-        w0 = jax.tree.map(
-            lambda a: jnp.asarray(a, float) if isinstance(a, int | float) and not isinstance(a, bool) else a, w0
-        )
-        arrays, rest = eqx.partition(w0, lambda a: eqx.is_inexact_array(a) or isinstance(a, np.ndarray))
+        dtypes = {a.dtype for a in jax.tree.leaves(w0) if _inexact(a)}
+        dtype = next(iter(dtypes)) if len(dtypes) == 1 else float
+        w0 = jax.tree.map(lambda a: jnp.asarray(a, dtype) if _number(a) else a, w0)
+        arrays, rest = eqx.partition(w0, _inexact)
         start, unravel = _vector(arrays)
+        if jax.tree.structure(std) == jax.tree.structure(w0):
+            std = jax.tree.map(lambda a, s: s if _inexact(a) else None, w0, std)
         return cls(start, _deviations(std, arrays, start), rest, unravel)
 
     def tree(self, w: Float[Array, " L"]) -> Any:
         """The pytree with these parameters."""
         return eqx.combine(self.unravel(w), self.rest)
+
+
+def _inexact(a: Any) -> bool:
+    return eqx.is_inexact_array(a) or (isinstance(a, np.ndarray) and np.issubdtype(a.dtype, np.inexact))
+
+
+def _number(a: Any) -> bool:
+    return isinstance(a, int | float) and not isinstance(a, bool)
 
 
 def _vector(arrays: Any) -> tuple[Float[Array, " L"], Callable[[Array], Any]]:
@@ -59,6 +69,6 @@ def _deviations(given: Any, arrays: Any, start: Array) -> Float[Array, " L"]:
     except ValueError as error:
         raise ValueError(f"prior_std does not fit w0: {error}") from None
     std = ravel_pytree(full)[0]
-    if not bool((jnp.isfinite(std) & (std >= 0)).all()):
+    if checks.known(std) and not (np.isfinite(std) & (np.asarray(std) >= 0)).all():
         raise ValueError("prior_std must be finite and not negative")
     return std

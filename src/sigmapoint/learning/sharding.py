@@ -17,17 +17,23 @@ AXIS = "parameters"
 
 
 def mesh(devices: Sequence[Any] | None, L: int) -> Mesh | None:
-    """Of these devices; nothing for one.
+    """Of these devices; nothing where none are named.
 
     Raises:
-        ValueError: no device, or a number of parameters that is not a multiple of theirs.
+        ValueError: not a list of different devices, or a number of parameters that is not a multiple of theirs.
     """
     if devices is None:
         return None
-    devices = list(devices)
-    if not devices or L % len(devices):
+    if not isinstance(devices, Sequence) or not devices or len(set(devices)) < len(devices):
+        raise ValueError(f"devices must be a list of different devices, such as jax.devices(), got {devices!r}")
+    if L % len(devices):
         raise ValueError(f"{L} parameters cannot be spread evenly over {len(devices)} devices: take a divisor of {L}")
-    return Mesh(np.array(devices), (AXIS,)) if len(devices) > 1 else None
+    return Mesh(np.array(devices), (AXIS,))
+
+
+def parts(over: Mesh | None) -> int:
+    """Into how many the parameters are spread."""
+    return 1 if over is None else over.size
 
 
 def spread(tree: Any, over: Mesh | None, L: int) -> Any:
@@ -36,6 +42,8 @@ def spread(tree: Any, over: Mesh | None, L: int) -> Any:
         return tree
 
     def one(a: Array) -> Array:
+        if not a.size:
+            return a
         axes = [*(None,) * (a.ndim - 1), AXIS] if a.ndim and a.shape[-1] == L else []
         return jax.lax.with_sharding_constraint(a, NamedSharding(over, PartitionSpec(*axes)))
 

@@ -47,7 +47,7 @@ class LearnerInfo(NamedTuple):
     """What a target looked like before it was learned from."""
 
     prediction: Float[Array, " M"]
-    """in the units of the target"""
+    """in the units of the targets, all of a batch one after the other; of a residual, its value"""
     innovation: Float[Array, " M"]
     """target minus prediction; NaN where there was none"""
     nis: Float[Array, ""]

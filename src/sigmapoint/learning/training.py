@@ -1,6 +1,7 @@
 """Training: many pairs, in epochs, with a validation set, progress, and checkpoints that survive anything."""
 
 import os
+import re
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +30,7 @@ WORK = 2e8
 LONGEST_CALL = 1000
 NOT_FINITE = (
     "the function's values, or their spread, are not finite: sigma points may reach where it is not defined. A smaller "
-    "prior_std, sp.srekf(), or parameters on another scale (logarithms) may help"
+    "prior_std, sp.srekf(), or parameters on another scale (logarithms) may help; classes are numbered from 0"
 )
 SAVED_EVERY = 30.0
 """Seconds between checkpoints within an epoch."""
@@ -120,16 +121,22 @@ def learn(
     held = None if validation is None else one.checked(*validation)
     if held is not None:
         held = held[0], one.targets(*held)
+        if not _known(held[1]):
+            raise ValueError("validation has no known target")
     if patience is not None:
         patience = checks.whole("patience", patience, 1)
         if held is None:
             raise ValueError("patience needs a validation set")
+    if progress is not None and not callable(progress):
+        raise ValueError(f"progress must be a function of a sp.Progress, got {type(progress).__name__}")
     run = Training(one, x, d, epochs, min(batch, len(d)), key, held, patience)
     at = run.start()
     if checkpoint is not None:
         at = checkpoints.resumed(Path(checkpoint), run.identity, at)
     saved = begun = time.monotonic()
     first, steps = run.done(at), run.steps(at)
+    if checkpoint is not None:  # a file that cannot be written shows now
+        checkpoints.store(Path(checkpoint), run.identity, at)
     try:
         while not run.over(at):
             with uninterrupted():
@@ -138,12 +145,12 @@ def learn(
             if checkpoint is not None and (now - saved >= SAVED_EVERY or run.over(at)):
                 checkpoints.store(Path(checkpoint), run.identity, at)
                 saved = now
-            if ended and not np.isfinite(at.history.mse[int(at.epoch) - 1]) and run.known:
+            if ended and not run.finite(at):
                 warnings.warn(NOT_FINITE, RuntimeWarning, stacklevel=2)
             if progress is not None:
                 progress(run.progress(at, first, now - begun))
     except KeyboardInterrupt:
-        if checkpoint is not None:
+        if checkpoint is not None and not at.state.mean.is_deleted():  # given away, if pressed twice
             checkpoints.store(Path(checkpoint), run.identity, at)
         raise
     return Fit(one, at.best or at.state, History(*(column[: int(at.epoch)] for column in at.history)))
@@ -161,10 +168,11 @@ class Training(NamedTuple):
     held: tuple[Any, Array] | None
     patience: int | None
 
-    @property
-    def known(self) -> bool:
-        """Whether there is a target at all."""
-        return bool((~np.isnan(self.d)).any())
+    def finite(self, at: Position) -> bool:
+        """Whether the errors of the last epoch are, where there were targets at all."""
+        last = int(at.epoch) - 1
+        learned = np.isfinite(at.history.mse[last]) or not _known(self.d)
+        return bool(learned and (self.held is None or np.isfinite(at.history.validation[last])))
 
     @property
     def updates(self) -> int:
@@ -243,14 +251,23 @@ class Training(NamedTuple):
 
     @property
     def identity(self) -> np.ndarray:
-        """A fingerprint of all that the result depends on but the function."""
+        """A fingerprint of all that the result depends on."""
         key = None if self.key is None else jax.random.key_data(_of(self.key, 0)).tolist()
-        settings = self.learner.method, self.learner.drift, self.learner.noise, self.epochs, self.batch, key
+        program = jax.make_jaxpr(self.learner.values)(
+            self.learner.parameters.start, jax.tree.map(lambda a: a[:1], self.x)
+        )
+        made_of = re.sub(" at 0x[0-9a-f]+", "", str(program))
+        settings = self.learner.method, self.learner.drift, self.learner.noise, self.epochs, self.batch, key, made_of
         return fingerprint((*settings, self.patience), (self.learner.parameters, self.x, self.d, self.held))
 
 
 def _of(key: Any, epoch: int) -> Any:
     return jax.random.fold_in(key, epoch)
+
+
+def _known(d: Array) -> bool:
+    """Whether there is a target at all."""
+    return bool((~np.isnan(d)).any())
 
 
 def _copied(state: LearnerState) -> LearnerState:

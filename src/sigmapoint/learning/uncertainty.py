@@ -76,7 +76,7 @@ class Factor(NamedTuple):
 class Covariance(NamedTuple):
     """The covariance; its factor is found anew for every update."""
 
-    cov: Float[Array, "L L"]
+    cov: Float[Array, "*many L L"]
 
     @classmethod
     def of(cls, std: Float[Array, " L"]) -> "Covariance":
@@ -84,11 +84,11 @@ class Covariance(NamedTuple):
 
     @property
     def factor(self) -> Float[Array, "*many L L"]:
-        return cholesky(self.cov)
+        return jnp.vectorize(cholesky, signature="(n,n)->(n,n)")(self.cov)
 
     @property
-    def variance(self) -> Float[Array, " L"]:
-        return jnp.diagonal(self.cov)
+    def variance(self) -> Float[Array, "*many L"]:
+        return jnp.diagonal(self.cov, axis1=-2, axis2=-1)
 
     def inflated(self, added: Float[Array, " L"]) -> "Covariance":
         scale, alone = _growth(self.variance, added)
