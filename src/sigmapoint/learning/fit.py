@@ -53,8 +53,7 @@ class Fit(NamedTuple):
         errors = self.history.validation
         checked = "" if np.isnan(errors).all() else f", {np.nanmin(errors):.4g} in validation"
         last, nis = f"squared error {self.history.mse[-1]:.4g}", self.history.nis[-1]
-        wide = "too narrow" if nis > 1 else "too wide"
-        trust = "" if 1 / 3 < nis < 3 or np.isnan(nis) else f"; NIS {nis:.2g} an element, not 1: error bars are {wide}"
+        trust = f"; NIS {nis:.2g} an element, not 1: error bars are too narrow" if nis > 3 else ""
         return f"{self.state.mean.shape[0]} parameters after {self.history.epochs} epochs: {last}{checked}{trust}"
 
 
