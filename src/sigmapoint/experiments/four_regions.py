@@ -8,19 +8,19 @@ epochs nor what the output units are: here they are linear. Cross-entropy is not
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 import sigmapoint as sp
 from sigmapoint.experiments.learning_curves import Curves, curves, once
 from sigmapoint.experiments.learning_figures import learning, maps
-from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish
+from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish, row_of
 from sigmapoint.learning.learner import Learner
 from sigmapoint.learning.state import LearnerState
 from sigmapoint.methods import Method
@@ -63,6 +63,9 @@ WANTED = 0.9
 """share of the grid that a trained network should tell right"""
 
 
+_row = partial(row_of, "four-regions")
+
+
 def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, Any]]:
     """Run the experiment; see `Experiment.run`."""
     epochs = QUICK_EPOCHS if quick else EPOCHS
@@ -98,7 +101,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
 def trained(lanes: Sequence[str], runs: int, epochs: int, key: Any) -> dict[str, Curves]:
     """Every method from the same starts on the same points."""
     keys = jax.random.split(key, 2)
-    starts = jnp.stack([ravel_pytree(network.started(SIZES, k))[0] for k in jax.random.split(keys[0], runs)])
+    starts = network.starts(SIZES, runs, keys[0])
     x, labels = four_regions.drawn(runs * epochs * POINTS, keys[1])
     order, grid = once(runs, epochs, POINTS), four_regions.grid(SIDE)
     aims = {name: four_regions.targets(labels) if name in SQUARED else labels for name in lanes}
@@ -184,7 +187,3 @@ def _said(name: str) -> str:
     settings = LANES[name][1]
     noise, prior, drift = (settings[key] for key in ("noise", "prior_std", "drift"))
     return f"noise {noise:g}, prior ±{prior:g}, Robbins-Monro from {drift.q:g} at rate {drift.rate:g}"
-
-
-def _row(quantity: str, method: str, mean: Mean, note: str = "") -> Row:
-    return Row("four-regions", quantity, method, None, mean.value, mean.spread, mean.runs, note)

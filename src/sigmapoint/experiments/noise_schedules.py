@@ -9,20 +9,19 @@ Errors differ by large factors between starts: filters and noises are compared o
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
 import sigmapoint as sp
 from sigmapoint.experiments.learning_curves import Curves, curves, orders
 from sigmapoint.experiments.learning_figures import learning
-from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish
+from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish, row_of
 from sigmapoint.learning.drift import Drift
 from sigmapoint.learning.learner import Learner
 from sigmapoint.methods import Method
@@ -84,7 +83,7 @@ def trained(task: Task, runs: int, epochs: int, whole: Sequence[str], key: Array
     past = task.sizes[0]
     x, d = pairs(normalized(task.series(past + TRAIN + TEST, keys[0])), past)
     train, test = (x[:TRAIN], d[:TRAIN]), (x[TRAIN:], d[TRAIN:])
-    starts = jnp.stack([ravel_pytree(network.started(task.sizes, k))[0] for k in jax.random.split(keys[1], runs)])
+    starts = network.starts(task.sizes, runs, keys[1])
     order = orders(runs, epochs, TRAIN, keys[2])
     return {
         (name, noise): curves(learner(task, method, drift), starts, train, order, test)
@@ -139,9 +138,7 @@ def others(found: Found, measure: Measure) -> dict[str, Mean]:
 def rows(task: Task, found: Found) -> list[Row]:
     """The numbers."""
 
-    def row(quantity: str, method: str, mean: Mean, note: str = "") -> Row:
-        return Row(task.name, quantity, method, None, mean.value, mean.spread, mean.runs, note)
-
+    row = partial(row_of, task.name)
     filters = dict.fromkeys(name for name, _ in found)
     return [
         *(row("test MSE after the last epoch", f"{name}, {noise}", mean_of(c.test[:, -1]), repr(task.drifts[noise]))

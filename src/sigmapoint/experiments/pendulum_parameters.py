@@ -45,6 +45,8 @@ WAYS = {
 }
 QUICK_WAYS = ("EKF", "UKF")
 PUBLISHED = {"EKF": Parameters(0.50, 0.75, 0.68, 0.45, 1.35), "UKF": Parameters(0.50, 0.75, 0.75, 0.50, 1.49)}
+PUBLISHED_WITHIN = 2.0
+"""[%] of the truth, all five, as published of the UKF"""
 UNITS = Parameters("m", "m", "kg", "kg", "kg")
 PRIORS = (0.2, 0.5, 1.0, 1.4)
 OTHERS = {
@@ -138,16 +140,19 @@ def findings(found: dict[str, Case], by_prior: dict[str, dict[float, np.ndarray]
     worst = {name: mean_of(one.worst) for name, one in pushed.items()}
     most = max(worst, key=lambda name: worst[name].value)
     low, high = np.nanmin(free["UKF"].factor), np.nanmax(free["UKF"].factor)
+    missed = [name for name, mean in worst.items() if not mean.value <= PUBLISHED_WITHIN]
+    claim = f"all but {', '.join(missed)} find" if missed else "all methods find"
     return (
         "Without a force the equations of motion are proportional to the masses: a common factor of all three changes "
         f"nothing that is seen. Masses nearest to the start, (1, 1, 1), have the factor {NEAREST:.3f}; the published "
         "masses of the EKF have 0.90 (.68/.75, .45/.50, 1.35/1.50): no local minimum, but a point on a line of equally "
         "good ones. The published UKF's factor, 0.99, is another.",
         f"Here the factor is {ekf.value:.3f} ± {ekf.spread:.3f} by the EKF and {ukf.value:.3f} ± {ukf.spread:.3f} by "
-        f"the UKF ({low:.3f} to {high:.3f} over runs){reach}. All else is found: lengths, and masses without their "
-        f"common factor, are off by at most {visible:.1f} % (largest of the five, mean over runs).",
-        "With a known force on the cart every method finds all five. Largest error of the five, mean over runs: "
-        f"UKF {worst['UKF'].value:.2f} %, EKF {worst['EKF'].value:.2f} %, at most {worst[most].value:.2f} % ({most}).",
+        f"the UKF ({low:.3f} to {high:.3f} over runs){reach}. Lengths, and masses without their common factor, are off "
+        f"by at most {visible:.1f} % (largest of the five, mean over runs).",
+        f"With a known force on the cart {claim} the five within {PUBLISHED_WITHIN:g} %. Largest error of them, mean "
+        f"over runs: UKF {worst['UKF'].value:.2f} %, EKF {worst['EKF'].value:.2f} %, at most "
+        f"{worst[most].value:.2f} % ({most}).",
     )
 
 

@@ -50,6 +50,11 @@ class Mean(NamedTuple):
     runs: int
 
 
+def row_of(experiment: str, quantity: str, method: str, mean: Mean, note: str = "") -> Row:
+    """A mean that the papers print no number of."""
+    return Row(experiment, quantity, method, None, mean.value, mean.spread, mean.runs, note)
+
+
 def mean_of(samples: np.ndarray) -> Mean:
     """Mean and standard error of one number a run (runs,); runs that are not finite are left out of both."""
     kept = samples[np.isfinite(samples)]

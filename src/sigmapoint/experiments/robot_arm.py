@@ -11,18 +11,18 @@ The noise has a standard deviation of 0.05, so no network gets below 0.0025 per 
 """
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 
 import sigmapoint as sp
 from sigmapoint.experiments.learning_curves import Curves, curves, orders
 from sigmapoint.experiments.learning_figures import learning
-from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish
+from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish, row_of
 from sigmapoint.learning.drift import Drift
 from sigmapoint.learning.learner import Learner
 from sigmapoint.methods import Method
@@ -53,6 +53,9 @@ FLOOR = robot_arm.NOISE**2
 PAIRS = (("UKF", "SR-UKF"), ("CDKF", "SR-CDKF"))
 
 
+_row = partial(row_of, "robot-arm")
+
+
 def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, Any]]:
     """Run the experiment; see `Experiment.run`."""
     with jax.enable_x64(True):
@@ -81,7 +84,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
 def trained(data: tuple[Any, Any], drift: Drift, runs: int, epochs: int, key: Any) -> dict[str, Curves]:
     """Every method from the same starts, in the same order of the same data; the first rows are for training."""
     keys = jax.random.split(key, 2)
-    starts = jnp.stack([ravel_pytree(network.started(SIZES, k))[0] for k in jax.random.split(keys[0], runs)])
+    starts = network.starts(SIZES, runs, keys[0])
     order = orders(runs, epochs, TRAIN, keys[1])
     x, d = map(jnp.asarray, data)
     train, test = (x[:TRAIN], d[:TRAIN]), (x[TRAIN:], d[TRAIN:])
@@ -148,7 +151,3 @@ def findings(found: dict[str, dict[str, Curves]]) -> Sequence[str]:
             f"± {second.spread:.0e}.",
         ]
     return said
-
-
-def _row(quantity: str, method: str, mean: Mean, note: str) -> Row:
-    return Row("robot-arm", quantity, method, None, mean.value, mean.spread, mean.runs, note)

@@ -12,6 +12,7 @@ once. From then on x̂ and z belong to the same state, which is row k of `xstore
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +23,7 @@ from jaxtyping import Array, Float
 
 import sigmapoint as sp
 from sigmapoint.accuracy import coverage
-from sigmapoint.experiments.results import Mean, Picture, Row, mean_of, publish
+from sigmapoint.experiments.results import Mean, Picture, Row, mean_of, publish, row_of
 from sigmapoint.experiments.scalar_figures import all_methods, single_run
 from sigmapoint.methods import Method
 from sigmapoint.problems import scalar
@@ -57,6 +58,9 @@ class Scores(NamedTuple):
 
 Belief = tuple[np.ndarray, np.ndarray]
 """Means and standard deviations, each (runs, T)."""
+
+
+_row = partial(row_of, "scalar")
 
 
 def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, Any]]:
@@ -198,7 +202,3 @@ def _verdict(gain: float, mean: Mean) -> str:
 
 def _outcome(gain: float, mean: Mean) -> str:
     return _decided(gain, mean, "reproduced", "contradicted")
-
-
-def _row(quantity: str, method: str, mean: Mean, note: str) -> Row:
-    return Row("scalar", quantity, method, None, mean.value, mean.spread, mean.runs, note)

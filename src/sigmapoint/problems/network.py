@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 Parameters = list[tuple[Float[Array, "out in"], Float[Array, " out"]]]
@@ -20,6 +21,11 @@ def started(sizes: Sequence[int], key: Array) -> Parameters:
         (jax.random.normal(k, (after, before)) / before**0.5, jnp.zeros(after))
         for k, (before, after) in zip(keys, itertools.pairwise(sizes))
     ]
+
+
+def starts(sizes: Sequence[int], runs: int, key: Array) -> Float[Array, "R L"]:
+    """Random parameters for every run, each in one vector."""
+    return jnp.stack([ravel_pytree(started(sizes, k))[0] for k in jax.random.split(key, runs)])
 
 
 def network(w: Parameters, x: Float[Array, " in"]) -> Float[Array, " out"]:
