@@ -160,19 +160,19 @@ def findings(found: Found) -> Sequence[str]:
         "The papers show curves and print no numbers. Compared is log10 of the ratio of two errors on the same starts, "
         "± its standard error: +0.3 is twice the error.",
         *(
-            f"{ROBBINS_MONRO} {claim}, {UKF}: {verdict(gains)}. The others less it: {_listed(gains)}."
+            f"{ROBBINS_MONRO} {claim}, {UKF}: {verdict(gains)}. The others minus it: {_listed(gains)}."
             for claim, measure in CLAIMS.items()
             for gains in (rivals(found, measure, UKF),)
         ),
         *(
             f'"Differences are similar" with the {name}: lowest {verdict(rivals(found, last, name))}, fastest '
-            f"{verdict(rivals(found, height, name))}. In the end, less it: {_listed(rivals(found, last, name))}."
+            f"{verdict(rivals(found, height, name))}. In the end, minus it: {_listed(rivals(found, last, name))}."
             for name in others(found, last)
             if rivals(found, last, name)
         ),
-        f'"Slightly lower final MSE of the UKF" than of the EKF: {decided(ekf)}. The others less the '
+        f'"Slightly lower final MSE of the UKF" than of the EKF: {decided(ekf)}. The others minus the '
         f"{UKF} in the end, {ROBBINS_MONRO}: {_listed(others(found, last))}.",
-        f'"Indistinguishable with option 2": less the EKF it is {second.value:+.3f} ± {second.spread:.3f} in the end.',
+        f'"Indistinguishable with option 2": minus the EKF it is {second.value:+.3f} ± {second.spread:.3f} in the end.',
     )
 
 
