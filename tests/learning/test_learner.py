@@ -365,8 +365,11 @@ def test_bad_pairs(x, d, message):
         learner.update(learner.init(), x, d)
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64], ids=["float32", "float64"])
-@pytest.mark.parametrize("method", [sp.srukf(), sp.srcdkf(), sp.srekf()], ids=["srukf", "srcdkf", "srekf"])
+@pytest.mark.parametrize(
+    ("method", "dtype"),
+    [(sp.srukf(), jnp.float32), (sp.srcdkf(), jnp.float32), (sp.srcdkf(), jnp.float64), (sp.srekf(), jnp.float64)],
+    ids=["srukf-32", "srcdkf-32", "srcdkf-64", "srekf-64"],
+)
 def test_a_factor_stays_one_for_a_hundred_thousand_updates(method, dtype):
     L, N, epochs = 5, 100, 1000
     x, d = linear(L, N)
