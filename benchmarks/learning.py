@@ -46,7 +46,7 @@ def beside_filterpy(repetitions: int, units: int = 100) -> dict[str, Any]:
     """Milliseconds an update, in turn; the difference of the weights after the same pairs."""
     w, x, d = problem(units, 5)
     times: dict[str, list[float]] = {"filterpy": [], "ours": []}
-    many = problem(units, 100)
+    many = problem(units, 500)
     fit = learned(sp.srukf(), w, x, d)
     learned(sp.srukf(), *many)
     theirs: Any = {}

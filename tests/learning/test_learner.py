@@ -8,6 +8,7 @@ import pytest
 from oracles.square_root_learning import recursive_least_squares, square_root_ukf
 
 import sigmapoint as sp
+from sigmapoint.learning import triangular
 
 METHODS = {
     "ekf": sp.ekf(),
@@ -388,3 +389,25 @@ def test_a_factor_stays_one_for_a_hundred_thousand_updates(method, dtype):
     information = (past * weights[:, None]).T @ past / 0.01 / (1 - 0.999 ** (20 * N))
     rtol = 2e-3 if dtype == jnp.float32 else 1e-9
     np.testing.assert_allclose(np.linalg.inv(S.astype(float) @ S.T), information, rtol=rtol, atol=rtol * 1e4)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-9, 1e9])
+@pytest.mark.parametrize("targets", [1, 2, 4])
+def test_a_block_is_turned_in_closed_form_as_by_reflections(targets, scale):
+    r = np.random.default_rng(targets)
+    C = jnp.asarray(np.tril(r.normal(size=(targets, targets)), -1) + np.diag(1 + r.random(targets)))
+    phi = jnp.asarray(scale * r.normal(size=(targets, 9))).at[:, 3].set(0.0)
+    closed, reflected = triangular._row_by_row(C, phi), triangular._by_reflections(C, phi)
+    for one, other in zip(closed, reflected):
+        # How far rows of C and Φ are from each other in size is how far Q may move by round-off.
+        np.testing.assert_allclose(one, other, atol=1e-13 * max(scale, float(jnp.abs(other).max())))
+    Q = closed[1]
+    np.testing.assert_allclose(Q @ Q.T, np.eye(9 + targets), atol=1e-14)
+    corner = Q[targets:, targets:].T
+    np.testing.assert_array_equal(corner, jnp.tril(corner))
+
+
+def test_nothing_seen_turns_nothing():
+    C, Q = triangular._row_by_row(jnp.zeros((1, 1)), jnp.zeros((1, 3)))
+    np.testing.assert_array_equal(C, 0.0)
+    np.testing.assert_array_equal(Q, np.eye(4))
