@@ -11,7 +11,8 @@ from sigmapoint.filtering import filter
 from sigmapoint.learning.drift import annealed, fixed, forgetting, on_diagonal, robbins_monro
 from sigmapoint.learning.learner import Learner, learner
 from sigmapoint.learning.measurement_noise import learned_noise
-from sigmapoint.learning.objectives import cross_entropy, recurrent, residual
+from sigmapoint.learning.recurrent import recurrent
+from sigmapoint.learning.residual import cross_entropy, residual
 from sigmapoint.learning.state import LearnerInfo, LearnerState, Prediction
 from sigmapoint.learning.training import Fit, History, Progress, learn
 from sigmapoint.methods import (

@@ -14,9 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from sigmapoint.linalg import cholesky, norm_rows, tria
+from sigmapoint.linalg import cholesky, norm_rows
 from sigmapoint.native import gram, materialized
 from sigmapoint.rules.linearization import Linearization
+from sigmapoint.triangularization import tria
 
 
 class Spread(NamedTuple):

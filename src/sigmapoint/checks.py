@@ -93,6 +93,12 @@ def extra(module: str, what: str) -> Any:
         raise ImportError(f"{what} needs {error.name}: pip install sigmapoint[cli]") from error
 
 
+def function(name: str, value: Any, arguments: str) -> None:
+    """Callable; of which arguments, the message says."""
+    if not callable(value):
+        raise ValueError(f"{name} must be a function of {arguments}, got {type(value).__name__}")
+
+
 def known(value: Any) -> bool:
     """Whether the numbers are there to look at (not a tracer)."""
     return not isinstance(value, Tracer)

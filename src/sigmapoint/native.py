@@ -6,7 +6,7 @@ buffers only and calls no library (`runtime`). Then three things decide over its
 * A matrix product is a library call. `product` writes a small one as a sum of outer products, which vectorises;
   `folding` does the same inside a user's function.
 * XLA computes anew what it fuses into several places: a chain of n steps can cost 2ⁿ. `materialized` keeps a value.
-* Library factorisations are calls too; `linalg` has its own for small sizes.
+* Library factorisations are calls too; `linalg` and `triangularization` have their own for small sizes.
 
 Larger arrays are faster in the libraries, and so is everything where loops are not native.
 """

@@ -18,11 +18,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint import linalg
+from sigmapoint import linalg, triangularization
 from sigmapoint.affine import Affine
 from sigmapoint.belief import SquareRoot
 
-tria, solve_lower, solve_upper = (partial(f, many=True) for f in (linalg.tria, linalg.solve_lower, linalg.solve_upper))
+tria, solve_lower, solve_upper = (
+    partial(f, many=True) for f in (triangularization.tria, linalg.solve_lower, linalg.solve_upper)
+)
 BLOCK = 8
 """Elements that are combined one after the other."""
 

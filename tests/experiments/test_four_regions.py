@@ -53,10 +53,10 @@ def test_a_quick_run_learns_and_is_written(tmp_path):
 
 def test_a_perfect_fit_has_finite_derivatives():
     one = experiment.learner("EKF, cross-entropy")
-    inputs, _ = one.checked(jnp.zeros((1, 2)), jnp.array([0]))
+    inputs, _ = one.setup.checked(jnp.zeros((1, 2)), jnp.array([0]))
     for own in (0.0, 40.0, 1000.0, 5000.0, -5000.0):  # of its logit, a bias of the last layer
-        w = one.parameters.start.at[-4].set(own)
-        value, slope = jax.value_and_grad(lambda w: one.values(w, inputs).sum())(w)
+        w = one.setup.parameters.start.at[-4].set(own)
+        value, slope = jax.value_and_grad(lambda w: one.setup.values(w, inputs).sum())(w)
         assert jnp.isfinite(value), own
         assert jnp.isfinite(slope).all(), own
     np.testing.assert_allclose(value, (2 * 5000.0) ** 0.5, rtol=1e-2)

@@ -9,7 +9,7 @@ from laws.table import METHODS
 from laws.test_linear import _check
 
 import sigmapoint as sp
-from sigmapoint import folding, linalg, native
+from sigmapoint import folding, linalg, native, triangularization
 
 
 @pytest.fixture(autouse=True)
@@ -27,7 +27,7 @@ def test_factorisations(n):
     A = r.normal(size=(n, 2 * n + 1))
     P = A @ A.T
     np.testing.assert_allclose(linalg.cholesky(jnp.asarray(P)), np.linalg.cholesky(P), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(linalg.tria(jnp.asarray(A)), np.linalg.cholesky(P), rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(triangularization.tria(jnp.asarray(A)), np.linalg.cholesky(P), rtol=1e-9, atol=1e-11)
     S, b = jnp.linalg.cholesky(P), jnp.asarray(r.normal(size=(n, 3)))
     np.testing.assert_allclose(linalg.solve_lower(S, b), np.linalg.solve(S, b), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(linalg.solve_upper(S, b), np.linalg.solve(S.T, b), rtol=1e-9, atol=1e-12)
@@ -40,7 +40,7 @@ def test_singular_matrices_have_the_factor_that_cholesky_gives(n):
     r = np.random.default_rng(n)
     A = r.normal(size=(n, n + 2))
     A[n - 1] = 0
-    L = linalg.tria(jnp.asarray(A))
+    L = triangularization.tria(jnp.asarray(A))
     np.testing.assert_allclose(L @ L.T, A @ A.T, atol=1e-13 * n)
     assert (L[:, n - 1] == 0).all()
     P = A @ A.T
@@ -59,7 +59,7 @@ def test_triangular_factors_are_those_of_orthogonal_transformations(n, spread):
     sizes = np.diag(10.0 ** -np.linspace(0, spread, n))
     A = np.linalg.qr(r.normal(size=(n, n)))[0] @ sizes @ np.linalg.qr(r.normal(size=(2 * n, n)))[0].T
     units = 10.0 ** r.uniform(-30, 30, size=(n, 1))
-    L = linalg.tria(jnp.asarray(units * A)) / units
+    L = triangularization.tria(jnp.asarray(units * A)) / units
     assert (jnp.triu(L, 1) == 0).all()
     assert (jnp.diagonal(L) > 0).all()
     np.testing.assert_allclose(L @ L.T, A @ A.T, atol=1e-15 * n)
@@ -72,7 +72,7 @@ def test_triangular_factors_are_those_of_orthogonal_transformations(n, spread):
 def test_derivatives_of_the_triangularisation(n):
     r = np.random.default_rng(n)
     A, dA = r.normal(size=(2, n, 2 * n))
-    L, dL = jax.jvp(linalg.tria, (jnp.asarray(A),), (jnp.asarray(dA),))
+    L, dL = jax.jvp(triangularization.tria, (jnp.asarray(A),), (jnp.asarray(dA),))
     np.testing.assert_allclose(dL @ L.T + L @ dL.T, dA @ A.T + A @ dA.T, atol=1e-11)
     assert (jnp.triu(dL, 1) == 0).all()
 

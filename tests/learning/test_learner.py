@@ -138,10 +138,10 @@ def test_the_papers_additive_drift():
     common = {"noise": 0.01, "drift": sp.on_diagonal(sp.fixed(0.1)), "prior_std": 1.0}
     dense, root = (sp.learner(lambda w, x: w @ x, jnp.zeros(3), method=m, **common) for m in (sp.ukf(), sp.srukf()))
     s = states(dense, x, d)[-1]
-    grown = dense.drift.inflated(s.uncertainty, jnp.full(3, 0.1))
+    grown = dense.setup.drift.inflated(s.uncertainty, jnp.full(3, 0.1))
     np.testing.assert_allclose(grown.cov, s.cov + 0.1 * np.eye(3))
     s = states(root, x, d)[-1]
-    grown = root.drift.inflated(s.uncertainty, jnp.full(3, 0.1))
+    grown = root.setup.drift.inflated(s.uncertainty, jnp.full(3, 0.1))
     D = np.sqrt(np.diag(s.factor) ** 2 + 0.1) - np.diag(s.factor)
     np.testing.assert_allclose(grown.factor, s.factor + np.diag(D))
     np.testing.assert_allclose(grown.variance, np.diag(grown.cov), rtol=1e-12)
@@ -325,7 +325,7 @@ def test_the_value_at_the_mean_as_prediction():
     _, info = learner.update(learner.init(), 0.0, 1.0)
     np.testing.assert_allclose(info.prediction, 1.0)
     same = sp.learner(lambda w, x: w**2, 1.0, noise=0.1, method=sp.at_mean(sp.ekf()), prior_std=0.5)
-    assert same.method == sp.ekf()
+    assert same.setup.method == sp.ekf()
     plain = sp.learner(lambda w, x: w**2, 1.0, noise=0.1, method=sp.srukf(), prior_std=0.5)
     np.testing.assert_allclose(plain.update(plain.init(), 0.0, 1.0)[1].prediction, 1.25)
 

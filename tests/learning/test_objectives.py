@@ -96,7 +96,7 @@ def test_every_epoch_begins_without_memory_and_predictions_go_on_from_the_last()
     twice = sp.learner(lag, 1.0, noise=0.1)
     s = twice.init()
     for _ in range(2):
-        s = s._replace(memory=twice.forgotten)
+        s = s._replace(memory=twice.setup.initial_memory)
         for pair in zip(x, d):
             s, _ = twice.update(s, *pair)
     np.testing.assert_allclose(fit.state.mean, s.mean, rtol=1e-11)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import sigmapoint as sp
-from sigmapoint.learning import training
+from sigmapoint.learning import epochs, training
 from sigmapoint.learning.checkpoints import fingerprint
 from sigmapoint.learning.interrupts import uninterrupted
 
@@ -77,7 +77,7 @@ def test_it_stops_early_and_keeps_the_best():
     errors = fit.history.validation
     assert fit.history.epochs < 50
     assert errors.argmin() == len(errors) - 3
-    error = float(jnp.mean((fit.learner.values(fit.state.mean, jnp.asarray(elsewhere[0])) - d) ** 2))
+    error = float(jnp.mean((fit.learner.setup.values(fit.state.mean, jnp.asarray(elsewhere[0])) - d) ** 2))
     np.testing.assert_allclose(error, errors.min(), rtol=1e-12)
 
 
@@ -86,7 +86,7 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path, monkeypatch, dtype):
     x, d, w = problem()
     w = {name: value.astype(dtype) for name, value in w.items()}
     whole = sp.learn(g, w, x, d, **SETTINGS)
-    monkeypatch.setattr(training, "LONGEST_CALL", 7)
+    monkeypatch.setattr(epochs, "LONGEST_CALL", 7)
     monkeypatch.setattr(training, "SAVED_EVERY", 0.0)
     file = tmp_path / "run.npz"
 
@@ -110,9 +110,9 @@ def test_kill_and_resume(tmp_path):
         textwrap.dedent("""
         import sys, numpy as np, jax, jax.numpy as jnp, sigmapoint as sp
         import equinox as eqx
-        from sigmapoint.learning import training
+        from sigmapoint.learning import epochs, training
         jax.config.update("jax_enable_x64", True)
-        training.SAVED_EVERY, training.LONGEST_CALL = 0.0, 20
+        training.SAVED_EVERY, epochs.LONGEST_CALL = 0.0, 20
         r = np.random.default_rng(0)
         x = r.normal(size=(200, 2)); d = np.sin(x[:, 0]) * x[:, 1]
         w = eqx.nn.MLP(2, "scalar", 8, 1, activation=jnp.tanh, key=jax.random.key(0))

@@ -23,7 +23,8 @@ import sigmapoint as sp
 from sigmapoint.experiments.learning_figures import COLOURS
 from sigmapoint.experiments.operations import operations
 from sigmapoint.experiments.results import Mean, Picture, Row, mean_of, publish
-from sigmapoint.learning.learner import Learner, updated
+from sigmapoint.learning.learner import Learner
+from sigmapoint.learning.update import updated
 from sigmapoint.methods import Method
 from sigmapoint.problems import network, robot_arm
 
@@ -97,7 +98,7 @@ class Timed(NamedTuple):
 
     def operations(self) -> float:
         """Of one update."""
-        return operations(partial(updated, self.learner), self.learner.init(), self.x[:1], self.d[:1])
+        return operations(partial(updated, self.learner.setup), self.learner.init(), self.x[:1], self.d[:1])
 
 
 def _prepared(method: Method, units: int, seed: int) -> Timed:
@@ -113,7 +114,7 @@ def _prepared(method: Method, units: int, seed: int) -> Timed:
 def _updated(learner: Learner, state: Any, x: Array, d: Array, times: Array) -> Any:
     def once(i: Array, state: Any) -> Any:
         pair = jax.tree.map(lambda a: a[i % PAIRS][None], (x, d))
-        return updated(learner, state, *pair)[0]
+        return updated(learner.setup, state, *pair)[0]
 
     return jax.lax.fori_loop(0, times, once, state)
 

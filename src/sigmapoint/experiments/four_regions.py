@@ -73,7 +73,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
         lanes = QUICK if quick else tuple(LANES)
         found = trained(lanes, runs or (QUICK_RUNS if quick else RUNS), epochs, jax.random.key(seed))
         x, truth = four_regions.grid(SIDE)
-        first = {name: learner(name).parameters.tree(jnp.asarray(c.mean[0])) for name, c in found.items()}
+        first = {name: learner(name).setup.parameters.tree(jnp.asarray(c.mean[0])) for name, c in found.items()}
         told = {"truth": truth} | {name: jnp.argmax(outputs(w, x), axis=1) for name, w in first.items()}
     regions = {name: np.asarray(labels).reshape(SIDE, SIDE) for name, labels in told.items()}
     wrong = {name: 1 - c.test[..., 0] for name, c in found.items()}

@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from sigmapoint.learning.learner import Learner, updated
+from sigmapoint.learning.learner import Learner
 from sigmapoint.learning.state import LearnerState
+from sigmapoint.learning.update import updated
 
 Score = Callable[[Learner, LearnerState, Any], Array]
 """of a state on a test set: a number, or several"""
@@ -29,7 +30,7 @@ class Curves(NamedTuple):
 
 def squared_error(learner: Learner, state: LearnerState, test: tuple[Any, Array]) -> Float[Array, ""]:
     """Mean squared error of an element."""
-    return jnp.mean((learner.values(state.mean, test[0]) - test[1]) ** 2)
+    return jnp.mean((learner.setup.values(state.mean, test[0]) - test[1]) ** 2)
 
 
 def curves(
@@ -41,7 +42,7 @@ def curves(
     score: Score = squared_error,
 ) -> Curves:
     """Train from every start, each in its own order of the training pairs; −1 stands for none."""
-    return Curves(*map(np.asarray, _curves(learner, starts, learner.checked(*train), orders, test, score)))
+    return Curves(*map(np.asarray, _curves(learner, starts, learner.setup.checked(*train), orders, test, score)))
 
 
 def orders(runs: int, epochs: int, rows: int, key: Array) -> Int[Array, "R E N"]:
@@ -64,7 +65,7 @@ def _curves(
 
         def epoch(state: Any, rows: Array) -> Any:
             def learned(state: Any, row: Array) -> Any:
-                state, info = updated(learner, state, *jax.tree.map(lambda a: a[row][None], train))
+                state, info = updated(learner.setup, state, *jax.tree.map(lambda a: a[row][None], train))
                 return state, info.nis / info.prediction.shape[0]
 
             def step(state: Any, row: Array) -> Any:

@@ -16,7 +16,8 @@ from scipy.optimize import least_squares, minimize
 
 import sigmapoint as sp
 from sigmapoint.learning.drift import Drift
-from sigmapoint.learning.learner import Learner, updated
+from sigmapoint.learning.learner import Learner
+from sigmapoint.learning.update import updated
 from sigmapoint.methods import Method
 from sigmapoint.problems import rosenbrock
 from sigmapoint.rules.linearization import SigmaPointRule
@@ -64,7 +65,7 @@ def _counted(path: np.ndarray, costs: np.ndarray, points: int, jacobians: int) -
 def _paths(learner: Learner, starts: Float[Array, "R 2"]) -> Float[Array, "R K 2"]:
     def one(start: Array) -> Array:
         def step(state: Any, _: None) -> Any:
-            after = updated(learner, state, (jnp.zeros(1), None), None)[0]
+            after = updated(learner.setup, state, (jnp.zeros(1), None), None)[0]
             return after, after.mean
 
         _, path = jax.lax.scan(step, learner.init()._replace(mean=start), length=UPDATES)

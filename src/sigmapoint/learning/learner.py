@@ -1,36 +1,25 @@
-"""Parameters as states: `w[k+1] = w[k] + drift`, `d[k] = G(w[k], x[k]) + noise`, one pair (x, d) at a time.
-
-Source: Wan & van der Merwe, "The Unscented Kalman Filter" (2001), Table 7.4.1; van der Merwe & Wan, "The Square-Root
-Unscented Kalman Filter for State and Parameter-Estimation" (2001), Algorithm 3.2, without its downdates: `triangular`.
-"""
+"""Learning the parameters of a function from pairs of inputs and targets, one at a time, with error bars."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh
-from jaxtyping import Array, Float
 
 from sigmapoint import checks, data_checks
-from sigmapoint.belief import Dense
 from sigmapoint.carry import Redraw
 from sigmapoint.learning import measurement_noise, sharding
 from sigmapoint.learning.drift import Drift, fixed
 from sigmapoint.learning.measurement_noise import Known, MeasurementNoise
 from sigmapoint.learning.objectives import Objective, listed, objective
 from sigmapoint.learning.parameters import Parameters
-from sigmapoint.learning.state import LearnerInfo, LearnerState, Memory, Prediction
-from sigmapoint.learning.triangular import GROUPS
-from sigmapoint.learning.uncertainty import Covariance, Factor
-from sigmapoint.linalg import norm_rows, solve_lower, solve_upper
+from sigmapoint.learning.state import LearnerInfo, LearnerState, Prediction
+from sigmapoint.learning.update import Setup, predicted, updated
 from sigmapoint.methods import Method, srcdkf
-from sigmapoint.rules.linearization import Linearization, SigmaPointRule
-from sigmapoint.spaces import Euclidean
-from sigmapoint.step import LOG_2PI
+from sigmapoint.rules.linearization import SigmaPointRule
+
+_updated, _predicted = eqx.filter_jit(updated), eqx.filter_jit(predicted)
 
 
 class Learner(eqx.Module):
@@ -46,12 +35,7 @@ class Learner(eqx.Module):
         {'a': 3.0, 'b': -1.0}
     """
 
-    objective: Objective
-    parameters: Parameters
-    method: Method = eqx.field(static=True)
-    drift: Drift = eqx.field(static=True)
-    noise: MeasurementNoise = eqx.field(static=True)
-    mesh: Mesh | None = eqx.field(static=True)
+    setup: Setup
 
     def init(self) -> LearnerState:
         """The state before the first sample.
@@ -64,25 +48,7 @@ class Learner(eqx.Module):
             >>> sp.learner(lambda w, x: w * x, 0.0, noise=1.0, prior_std=2.0).init().std.tolist()
             [2.0]
         """
-        start, std = self.parameters.start, self.parameters.std
-        # A derivative needs no points, and so no covariance either: the factor alone costs less.
-        dense = self.method.belief is Dense and isinstance(self.method.rule, SigmaPointRule)
-        state = LearnerState(
-            jnp.array(start),  # a copy, so that a state may be given away
-            (Covariance if dense else Factor).of(std),
-            self.drift.start(std**2),
-            jnp.asarray(self.noise.value, start.dtype),
-            self.forgotten,
-            jnp.zeros((), int),
-        )
-        return sharding.spread(state, self.mesh, start.shape[0])
-
-    @property
-    def forgotten(self) -> Memory:
-        """What a recurrent function remembers before the first input of a series."""
-        start = self.parameters.start
-        remembered = jnp.array(self.objective.remembered(start.dtype))  # a copy, as above
-        return Memory(remembered, jnp.zeros((remembered.shape[0], start.shape[0]), start.dtype))
+        return self.setup.start()
 
     def params(self, state: LearnerState) -> Any:
         """The parameters, as the pytree they were given in.
@@ -93,7 +59,7 @@ class Learner(eqx.Module):
         Returns:
             Their means.
         """
-        return self.parameters.tree(state.mean)
+        return self.setup.parameters.tree(state.mean)
 
     def std_params(self, state: LearnerState) -> Any:
         """Standard deviations of the parameters, as the pytree they were given in.
@@ -104,7 +70,7 @@ class Learner(eqx.Module):
         Returns:
             Them, in place of the parameters.
         """
-        return self.parameters.tree(state.std)
+        return self.setup.parameters.tree(state.std)
 
     def update(self, state: LearnerState, x: Any, d: Any) -> tuple[LearnerState, LearnerInfo]:
         """Learn from one pair.
@@ -138,7 +104,7 @@ class Learner(eqx.Module):
         Raises:
             ValueError: as `update`.
         """
-        return _updated(self, state, *self.checked(x, d))
+        return _updated(self.setup, state, *self.setup.checked(x, d))
 
     def predict(self, state: LearnerState, x: Any) -> Prediction:
         """What the function would give for a new input, and how sure that is.
@@ -160,31 +126,7 @@ class Learner(eqx.Module):
             >>> float(mean), round(float(std), 6)
             (20.0, 5.0)
         """
-        return _predicted(self, state, data_checks.inputs(x, None, self.parameters.start.dtype, "input"))
-
-    def checked(self, x: Any, d: Any) -> tuple[Any, Any]:
-        """Inputs and targets of `values`, as arrays with a leading axis; nothing for targets that are zero."""
-        return self.objective.checked(x, d, self.parameters.start.dtype)
-
-    def values(self, w: Float[Array, " L"], x: Any) -> Float[Array, "B ..."]:
-        """What should equal targets, for several inputs; of a recurrent function, for a series from its beginning."""
-        memory = self.objective.remembered(w.dtype)
-        return self.objective.values(self.parameters.tree(w), memory, x)[0].astype(w.dtype)
-
-    def targets(self, x: Any, d: Array | np.ndarray | None) -> Array:
-        """Those of `values`: as given, or zero.
-
-        Raises:
-            ValueError: the function does not give what is shaped like a target.
-        """
-        value = jax.eval_shape(self.values, self.parameters.start, x)
-        if d is None:
-            return jnp.zeros(value.shape, value.dtype)
-        if value.shape[1:] != d.shape[1:]:
-            raise ValueError(
-                f"a target has shape {d.shape[1:]}, but the function gives {value.shape[1:]} for its input"
-            )
-        return jnp.asarray(d)
+        return _predicted(self.setup, state, data_checks.inputs(x, None, self.setup.parameters.start.dtype, "input"))
 
 
 def learner(
@@ -240,89 +182,9 @@ def learner(
     L = parameters.start.shape[0]
     if isinstance(method.rule, SigmaPointRule):
         checks.digits(abs(method.rule.constants(L).centre), parameters.start.dtype)
-    return Learner(learned, parameters, method, drift, known, sharding.mesh(devices, L))
+    return Learner(Setup(learned, parameters, method, drift, known, sharding.mesh(devices, L)))
 
 
 def _alone(a: Any) -> Any:
     checks.unmasked("input", a)
     return a[None] if isinstance(a, jax.Array) else np.asarray(a)[None]
-
-
-@eqx.filter_jit
-def _updated(learner: Learner, state: LearnerState, x: Any, d: Any) -> tuple[LearnerState, LearnerInfo]:
-    return updated(learner, state, x, d)
-
-
-def updated(learner: Learner, state: LearnerState, x: Any, d: Any) -> tuple[LearnerState, LearnerInfo]:
-    """The update, for inputs and targets with a leading axis; no targets are zeros."""
-    d = learner.targets(x, d)
-    B = d.shape[0]
-    cov = measurement_noise.covariance(state.noise, d.size // B)
-    uncertainty = learner.drift.inflated(
-        state.uncertainty, learner.drift.added(state.drift, state.uncertainty.variance, state.step)
-    )
-    factor = uncertainty.factored
-    seen, remembered = _seen(learner, state, factor, x, d.size)
-    there = ~jnp.isnan(jnp.ravel(d))
-    R = jnp.kron(jnp.eye(B, dtype=cov.dtype), cov)
-    slope, bend = (jnp.where(there[:, None], part, 0.0) for part in (seen.slope, seen.bend))
-    known = jnp.where(there[:, None] & there[None, :], R, 0.0)
-    noise = known + bend @ bend.T + jnp.diag(jnp.where(there, 0.0, 1.0))
-    innovation = jnp.where(there, jnp.ravel(d) - seen.mean, 0.0)
-    learned = factor.updated(slope, noise, groups=GROUPS if sharding.parts(learner.mesh) == 1 else 1)
-    white = solve_lower(learned.factor, innovation)
-    moved = learned.gain.T @ white
-    found = measurement_noise.expected(R, white, solve_lower(learned.factor, known))
-    m = cov.shape[0]
-    found = jnp.einsum("bibj->ij", found.reshape(B, m, B, m)) / B
-    after = LearnerState(
-        state.mean + moved,
-        uncertainty.carried(learned.uncertainty),
-        jax.tree.map(partial(jnp.where, there.any()), learner.drift.after(state.drift, moved), state.drift),
-        learner.noise.after(state.noise, found),
-        Memory(remembered.mean + remembered.slope @ moved, remembered.slope),
-        state.step + 1,
-    )
-    nis = jnp.sum(white**2)
-    count = jnp.sum(there, dtype=nis.dtype)
-    log_density = -0.5 * (nis + count * LOG_2PI) - jnp.sum(jnp.log(jnp.diagonal(learned.factor)))
-    info = LearnerInfo(seen.mean, jnp.where(there, innovation, jnp.nan), nis, log_density)
-    return sharding.spread(after, learner.mesh, state.mean.shape[0]), info
-
-
-def _seen(learner: Learner, state: LearnerState, factor: Factor, x: Any, size: int) -> tuple[Linearization, Memory]:
-    """What should equal the targets, `size` numbers, and the memory after it."""
-
-    def both(w: Any, memory: Array) -> Array:
-        values, after = learner.objective.values(w, memory, x)
-        return jnp.concatenate([jnp.ravel(values).astype(after.dtype), after])
-
-    lin = _linearized(learner, learner.method, state, factor, both)
-    slope = lin.slope[size:]
-    slope = solve_upper(factor.factor, slope.T).T if slope.size else slope
-    return Linearization(*(part[:size] for part in lin)), Memory(lin.mean[size:], slope)
-
-
-def _linearized(
-    learner: Learner, method: Method, state: LearnerState, factor: Factor, function: Callable[[Any, Array], Array]
-) -> Linearization:
-    """`function(w, memory)`, where the memory depends on the parameters too, about their mean."""
-    together = sharding.gathered(learner.mesh)
-
-    def at(step: Float[Array, " L"]) -> Array:
-        memory = state.memory.mean + state.memory.slope @ step
-        return jnp.ravel(function(learner.parameters.tree(together(state.mean + step)), memory)).astype(step.dtype)
-
-    return method.rule(at, factor.factor, Euclidean())
-
-
-@eqx.filter_jit
-def _predicted(learner: Learner, state: LearnerState, x: Any) -> Prediction:
-    def value(w: Any, memory: Array) -> Array:
-        return learner.objective.prediction(w, memory, x)
-
-    shape = jax.eval_shape(lambda s: value(learner.parameters.tree(s.mean), s.memory.mean), state).shape
-    method = learner.objective.predicted_by(learner.method)
-    lin = _linearized(learner, method, state, state.uncertainty.factored, value)
-    std = norm_rows(jnp.concatenate([lin.slope, lin.bend], axis=1))
-    return Prediction(lin.mean.reshape(shape), std.reshape(shape))

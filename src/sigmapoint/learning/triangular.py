@@ -24,7 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint.linalg import one_where_zero, orthogonalized
+from sigmapoint.linalg import one_where_zero
+from sigmapoint.triangularization import orthogonalized
 
 BLOCK = 32
 """Columns in a block, about."""
