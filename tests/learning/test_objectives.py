@@ -113,6 +113,9 @@ def test_a_memory_keeps_its_shape():
     grows = sp.learner(sp.recurrent(lambda w, h, x: (jnp.append(h, x), w * x), np.zeros(1)), 1.0, noise=1.0)
     with pytest.raises(ValueError, match="memory like h0"):
         grows.update(grows.init(), 1.0, 1.0)
+    alone = sp.learner(sp.recurrent(lambda w, h, x: w * h, 0.0), 1.0, noise=1.0)
+    with pytest.raises(ValueError, match=r"must return \(memory like h0, prediction\)"):
+        alone.update(alone.init(), 1.0, 1.0)
 
 
 @ALL

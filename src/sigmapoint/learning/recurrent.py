@@ -32,7 +32,10 @@ class Recurrent(eqx.Module):
         unravel = ravel_pytree(self.start)[1]
 
         def once(h: Array, x: Any) -> tuple[Array, Array]:
-            after, value = self.cell(w, unravel(h), x)
+            given = self.cell(w, unravel(h), x)
+            if not isinstance(given, tuple) or len(given) != 2:
+                raise ValueError(f"cell must return (memory like h0, prediction), got {type(given).__name__}")
+            after, value = given
             flat = ravel_pytree(after)[0].astype(h.dtype)
             if jax.tree.structure(after) != jax.tree.structure(self.start) or flat.shape != h.shape:
                 raise ValueError(f"cell must return (memory like h0, prediction); the memory is {_shapes(after)}")

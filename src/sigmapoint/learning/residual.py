@@ -103,6 +103,8 @@ def cross_entropy(logits: Callable[[Any, Any], Any]) -> Objective:
     checks.function("logits", logits, "(w, x)")
 
     def error(w: Any, x: Any, label: Any) -> Array:
+        if label is None:
+            raise ValueError("a target must be one whole number, the class, got None")
         z, label = jnp.asarray(logits(w, x)), jnp.asarray(label)
         if z.ndim != 1:
             hint = "; for two classes return jnp.stack([0, z])" if z.ndim == 0 else ""
