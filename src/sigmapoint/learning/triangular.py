@@ -27,7 +27,7 @@ from jaxtyping import Array, Float
 from sigmapoint.linalg import one_where_zero
 from sigmapoint.triangularization import orthogonalized
 
-BLOCK = 32
+BLOCK = 16
 """Columns in a block, about."""
 FEW = 4
 """Up to so many targets the rotation of a block is written down row by row; it takes a fourth of the time then."""
