@@ -8,6 +8,8 @@ from sigmapoint.blackbox import blackbox
 from sigmapoint.comparison import Comparison, compare
 from sigmapoint.diagnostics import diagnose
 from sigmapoint.filtering import filter
+from sigmapoint.identification.joint import joint
+from sigmapoint.identification.unknowns import Estimates, Unknown, bounded, estimates, positive, real
 from sigmapoint.learning.drift import annealed, fixed, forgetting, on_diagonal, robbins_monro
 from sigmapoint.learning.learner import Learner, learner
 from sigmapoint.learning.measurement_noise import learned_noise
@@ -63,6 +65,7 @@ __all__ = [
     "Additive",
     "Comparison",
     "FilterState",
+    "Estimates",
     "Fit",
     "Gaussian",
     "History",
@@ -78,18 +81,21 @@ __all__ = [
     "Prediction",
     "Progress",
     "StateSpaceModel",
+    "Unknown",
     "angles",
     "annealed",
     "at_mean",
     "augmented",
     "batch",
     "blackbox",
+    "bounded",
     "cdkf",
     "ckf",
     "compare",
     "cross_entropy",
     "diagnose",
     "ekf",
+    "estimates",
     "extended_set",
     "filter",
     "fixed",
@@ -97,6 +103,7 @@ __all__ = [
     "ghkf",
     "ipls",
     "iterated",
+    "joint",
     "julier_ukf",
     "learn",
     "learned_noise",
@@ -104,6 +111,8 @@ __all__ = [
     "load",
     "on_diagonal",
     "online",
+    "positive",
+    "real",
     "recurrent",
     "report",
     "residual",

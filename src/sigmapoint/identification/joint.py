@@ -1,0 +1,212 @@
+"""Joint estimation: parameters as states that stay, or move a little.
+
+    [x[k+1]; z[k+1]] = [f(x[k], u[k]; z[k]) + w[k]; z[k] + r[k]],        y[k] = h(x[k], u[k]; z[k]) + v[k]
+
+Source: Wan & van der Merwe, "The Unscented Kalman Filter" (2001), equations 7.97 and 7.98.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from sigmapoint import checks
+from sigmapoint.belief import Spread, symmetric
+from sigmapoint.identification.unknowns import Unknowns
+from sigmapoint.learning.drift import Annealed, Drift
+from sigmapoint.model import StateSpaceModel
+from sigmapoint.noise import Additive, Gaussian, NonAdditive
+from sigmapoint.spaces import Euclidean, Space
+
+LONGEST = 1e7
+"""Numbers in the covariances of a drift that changes with time."""
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A space of `point` numbers and `step` directions, and an ordinary vector beside it."""
+
+    space: Space
+    point: int
+    step: int
+
+    def residual(self, a: Float[Array, " d"], b: Float[Array, " d"]) -> Float[Array, " n"]:
+        x = self.space.residual(a[: self.point], b[: self.point])
+        return jnp.concatenate([x, a[self.point :] - b[self.point :]])
+
+    def retract(self, point: Float[Array, " d"], step: Float[Array, " n"]) -> Float[Array, " d"]:
+        x = self.space.retract(point[: self.point], step[: self.step])
+        return jnp.concatenate([x, point[self.point :] + step[self.step :]])
+
+
+class Part(NamedTuple):
+    """A function of the model as one of (x, z), and the covariance of its noise and mean."""
+
+    call: Callable[..., Array]
+    """with the model first: `(model, x, u)`, or `(model, x, u, w)`"""
+    kind: type[Additive] | type[NonAdditive]
+    mean: Array
+    cov: Array
+
+
+def joint(build: Callable[[Any], StateSpaceModel], theta: Any, drift: Any = 0.0) -> StateSpaceModel:
+    """A model whose states are those of another and its unknown parameters.
+
+    It is a plain model: every filter, smoother, driver and report works on it. The last states are the parameters, as
+    the vector z of `estimates`, which has them in their own units.
+
+    Args:
+        build: `build(theta) -> StateSpaceModel`, a function that JAX can trace. Its initial belief may depend on the
+            parameters, and so may its noises; then they are part of the points. (How large a noise is cannot be learned
+            so, as no Gaussian filter sees it in a mean: use `em` or `fit`.)
+        theta: the parameters and what is known of them: `sp.Gaussian` over a vector, or any pytree of `sp.real`,
+            `sp.positive`, `sp.bounded` and numbers; a number stands for one that may be off by its own size.
+        drift: the variance that each gains at every step, so that it is followed as it changes: a number, variances
+            (L,), a covariance (L, L), `sp.fixed(q)`, or `sp.annealed(q, rate, floor)` with a floor. In squared units of
+            the vector for `sp.Gaussian`; for a pytree, relative to the squared prior deviations.
+
+    Returns:
+        The model, of n + L states: `z.` before the names of the parameters.
+
+    Raises:
+        ValueError: no unknown parameters, a drift of another kind, a `build` that gives no model.
+
+    Source: Wan & van der Merwe (2001), equations 7.97 and 7.98.
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> def build(theta):
+        ...     return sp.StateSpaceModel(lambda x, u: theta * x, lambda x, u: x, 0.01 * jnp.eye(1),
+        ...                               0.01 * jnp.eye(1), sp.Gaussian(jnp.ones(1), jnp.eye(1)))
+        >>> model = sp.joint(build, sp.real(0.5, 0.3), drift=1e-6)
+        >>> model.state_names, sp.filter(model, jnp.ones((20, 1))).mean.shape
+        (('x0', 'z.theta'), (20, 2))
+    """
+    checks.function("build", build, "theta")
+    unknowns = Unknowns.of(theta)
+    z0, L, dtype = unknowns.prior.mean, unknowns.size, unknowns.prior.mean.dtype
+
+    def model(z: Float[Array, " L"]) -> StateSpaceModel:
+        return built(build, unknowns.tree(z))
+
+    at_prior = model(z0)
+    d, n = at_prior.initial.mean.shape[0], at_prior.initial.cov.shape[0]
+    space = at_prior.state_space if isinstance(at_prior.state_space, Euclidean) else Beside(at_prior.state_space, d, n)
+    motion = _part(model, z0, "process_noise", lambda m: m.dynamics, lambda m: m.state_space)
+    sight = _part(model, z0, "observation_noise", lambda m: m.observation, lambda m: m.observation_space)
+    q = motion.cov.shape[-1]
+
+    def dynamics(xz: Array, u: Any, *w: Array) -> Array:
+        x, z = xz[:d], xz[d:]
+        moved = z + w[0][q:] if w else z
+        return jnp.concatenate([jnp.asarray(motion.call(model(z), x, u, *(part[:q] for part in w)), dtype), moved])
+
+    def observation(xz: Array, u: Any, *v: Array) -> Array:
+        return sight.call(model(xz[d:]), xz[:d], u, *v)
+
+    cov, mean = _beside(motion, _covariances(drift, L, dtype))
+    return StateSpaceModel(
+        dynamics,
+        observation,
+        motion.kind(cov, mean),
+        sight.kind(sight.cov, sight.mean),
+        _initial(model, unknowns),
+        state_space=space,
+        observation_space=at_prior.observation_space,
+        state_names=(*at_prior.state_names, *(f"z.{name}" for name in unknowns.names)),
+        state_units=(*at_prior.state_units, *("",) * L),
+        observation_names=at_prior.observation_names,
+        observation_units=at_prior.observation_units,
+    )
+
+
+def built(build: Callable[[Any], StateSpaceModel], theta: Any) -> StateSpaceModel:
+    """The model with these parameters.
+
+    Raises:
+        ValueError: `build` gives something else.
+    """
+    model = build(theta)
+    checks.instance("build(theta)", model, StateSpaceModel)
+    return model
+
+
+def _part(
+    model: Callable[[Array], StateSpaceModel],
+    z0: Array,
+    name: str,
+    function: Callable[[StateSpaceModel], Callable[..., Any]],
+    space: Callable[[StateSpaceModel], Space],
+) -> Part:
+    noise: Any = getattr(model(z0), name)
+
+    def numbers(z: Array) -> tuple[Array, Array]:
+        noise = getattr(model(z), name)
+        return noise.mean, noise.cov
+
+    if not any(bool((np.asarray(a) != 0).any()) for a in jax.tree.leaves(jax.jacfwd(numbers)(z0))):
+        return Part(lambda m, *args: function(m)(*args), type(noise), noise.mean, noise.cov)
+    if noise.cov.ndim == 3:
+        raise ValueError(f"joint: {name} depends on theta and on time; keep one of the two out of build")
+
+    def through(m: StateSpaceModel, x: Array, u: Any, xi: Array) -> Array:
+        here: Any = getattr(m, name)
+        return here.kind(here.mean, Spread.of(here.cov)).through(function(m), space(m)).call(x, u, xi)
+
+    q = noise.cov.shape[-1]
+    return Part(through, NonAdditive, jnp.zeros(q, noise.cov.dtype), jnp.eye(q, dtype=noise.cov.dtype))
+
+
+def _covariances(drift: Any, L: int, dtype: Any) -> Float[Array, "*K L L"]:
+    """Of the drift, for every step or one after the other."""
+    if isinstance(drift, Drift):
+        if not isinstance(drift, Annealed):
+            raise ValueError(
+                "joint: drift must be a variance, variances, a covariance, sp.fixed() or sp.annealed(), got "
+                f"{type(drift).__name__}; other drifts are for sp.dual"
+            )
+        if drift.rate < 1 and not drift.floor:
+            raise ValueError("joint: sp.annealed() needs a floor here, at which its variance stays")
+        least = min(drift.floor, drift.q)
+        steps = 1 if drift.rate == 1 else 1 + int(np.ceil(np.log(least / drift.q) / np.log(drift.rate)))
+        if steps * L * L > LONGEST:
+            raise ValueError(f"joint: this drift takes {steps} steps to reach its floor; with {L} parameters, too many")
+        q = jnp.maximum(drift.q * drift.rate ** jnp.arange(steps, dtype=dtype), drift.floor)
+        return (q[:, None, None] if steps > 1 else q[0]) * jnp.eye(L, dtype=dtype)
+    given = checks.array("drift", drift).astype(dtype)
+    if given.shape not in ((), (L,), (L, L)):
+        raise ValueError(f"drift must be a variance, variances ({L},) or a covariance ({L}, {L}), got {given.shape}")
+    return given if given.ndim == 2 else jnp.diag(jnp.broadcast_to(given, (L,)))
+
+
+def _beside(motion: Part, drift: Array) -> tuple[Array, Array]:
+    """Covariance and mean of both, for every step where one of them changes."""
+    L = drift.shape[-1]
+    lengths = {a.shape[0] for a in (motion.cov, drift) if a.ndim == 3}
+    if lengths:
+        T = max(lengths)
+        last = [jnp.minimum(jnp.arange(T), (a.shape[0] if a.ndim == 3 else 1) - 1) for a in (motion.cov, drift)]
+        Q, D = (a[k] if a.ndim == 3 else jnp.broadcast_to(a, (T, *a.shape)) for a, k in zip((motion.cov, drift), last))
+        cov = jax.vmap(jax.scipy.linalg.block_diag)(Q, D)
+    else:
+        cov = jax.scipy.linalg.block_diag(motion.cov, drift)
+    mean = jnp.concatenate([motion.mean, jnp.zeros((*motion.mean.shape[:-1], L), motion.mean.dtype)], axis=-1)
+    return cov, mean
+
+
+def _initial(model: Callable[[Array], StateSpaceModel], unknowns: Unknowns) -> Gaussian:
+    """States and parameters, correlated where the initial state depends on the parameters."""
+    z0, P = unknowns.prior.mean, unknowns.prior.cov
+    start = model(z0)
+
+    def moved(z: Array) -> Array:
+        return start.state_space.residual(model(z).initial.mean, start.initial.mean)
+
+    J = jax.jacfwd(moved)(z0)
+    across = J @ P
+    cov = jnp.block([[start.initial.cov + symmetric(across @ J.T), across], [across.T, P]])
+    return Gaussian(jnp.concatenate([start.initial.mean, z0]), symmetric(cov))
