@@ -8,6 +8,7 @@ from sigmapoint.blackbox import blackbox
 from sigmapoint.comparison import Comparison, compare
 from sigmapoint.diagnostics import diagnose
 from sigmapoint.filtering import filter
+from sigmapoint.fixed_lag import LaggedState, OnlineSmoother, fixed_lag, online_smoother
 from sigmapoint.identification.joint import joint
 from sigmapoint.identification.unknowns import Estimates, Unknown, bounded, estimates, positive, real
 from sigmapoint.learning.drift import annealed, fixed, forgetting, on_diagonal, robbins_monro
@@ -44,6 +45,8 @@ from sigmapoint.smoothing import rts, smooth
 from sigmapoint.spaces import Manifold, angles
 from sigmapoint.step import FilterState, Info
 from sigmapoint.storage import load, save
+from sigmapoint.trajectories import trajectories
+from sigmapoint.two_filter import two_filter
 from sigmapoint.variants import at_mean, augmented, extended_set, iterated
 
 if TYPE_CHECKING:
@@ -70,6 +73,7 @@ __all__ = [
     "Gaussian",
     "History",
     "Info",
+    "LaggedState",
     "Learner",
     "LearnerInfo",
     "LearnerState",
@@ -77,6 +81,7 @@ __all__ = [
     "Method",
     "NonAdditive",
     "OnlineFilter",
+    "OnlineSmoother",
     "Posterior",
     "Prediction",
     "Progress",
@@ -99,6 +104,7 @@ __all__ = [
     "extended_set",
     "filter",
     "fixed",
+    "fixed_lag",
     "forgetting",
     "ghkf",
     "ipls",
@@ -111,6 +117,7 @@ __all__ = [
     "load",
     "on_diagonal",
     "online",
+    "online_smoother",
     "positive",
     "real",
     "recurrent",
@@ -129,5 +136,7 @@ __all__ = [
     "srjulier_ukf",
     "srsimplex_ukf",
     "srukf",
+    "trajectories",
+    "two_filter",
     "ukf",
 ]

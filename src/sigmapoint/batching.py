@@ -22,7 +22,7 @@ from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.results import FIELDS, Posterior
 from sigmapoint.runtime import NATIVE
-from sigmapoint.smoothing import Smoother
+from sigmapoint.smoothing import MAKERS, Smoother
 from sigmapoint.step import Filter
 
 LARGEST_PIECE = 256
@@ -83,7 +83,7 @@ def batch(
     keep = checks.selection("keep", keep, FIELDS)
     estimator: Estimator = Forward() if smoother is None else smoother
     if smoother is not None:
-        checks.instance("smoother", smoother, Smoother, "sp.rts() or sp.ipls()")
+        checks.instance("smoother", smoother, Smoother, MAKERS)
     ragged = isinstance(y, list | tuple)
     rows = _concatenated(y, u) if ragged else _flattened(y, u)
     method, B = fitting(model, method), len(rows.lengths)

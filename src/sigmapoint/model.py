@@ -12,7 +12,7 @@ import equinox as eqx
 
 from sigmapoint import checks
 from sigmapoint.jacobians import with_jacobian
-from sigmapoint.noise import Additive, Gaussian, NonAdditive
+from sigmapoint.noise import Additive, Gaussian, NonAdditive, noise_of
 from sigmapoint.spaces import Euclidean, Space
 
 
@@ -82,8 +82,8 @@ class StateSpaceModel(eqx.Module):
         checks.callables(dynamics=dynamics, observation=observation)
         if not isinstance(initial, Gaussian):
             raise ValueError(f"initial must be sp.Gaussian(mean, cov), got {type(initial).__name__}")
-        self.process_noise = _noise("process_noise", process_noise)
-        self.observation_noise = _noise("observation_noise", observation_noise)
+        self.process_noise = noise_of("process_noise", process_noise)
+        self.observation_noise = noise_of("observation_noise", observation_noise)
         self.initial = initial
         self.dynamics = with_jacobian("dynamics_jacobian", dynamics, dynamics_jacobian)
         self.observation = with_jacobian("observation_jacobian", observation, observation_jacobian)
@@ -98,13 +98,3 @@ class StateSpaceModel(eqx.Module):
         self.state_units = checks.names("state_units", state_units, n, distinct=False) or ("",) * n
         self.observation_names = checks.names("observation_names", observation_names)
         self.observation_units = checks.names("observation_units", observation_units, distinct=False)
-
-
-def _noise(name: str, noise: Any) -> Additive | NonAdditive:
-    if isinstance(noise, Additive | NonAdditive):
-        return noise
-    if isinstance(noise, Gaussian):
-        return Additive(noise)
-    cov = checks.array(name, noise)
-    checks.covariance(name, cov, series=True)
-    return Additive(cov)

@@ -161,6 +161,21 @@ class NonAdditive(eqx.Module):
         """Any size fits: the model's function says how the noise enters."""
 
 
+def noise_of(name: str, noise: Any) -> Additive | NonAdditive:
+    """As given by a user: a covariance or a `Gaussian` is additive noise.
+
+    Raises:
+        ValueError: as these, with the name of the argument.
+    """
+    if isinstance(noise, Additive | NonAdditive):
+        return noise
+    if isinstance(noise, Gaussian):
+        return Additive(noise)
+    cov = checks.array(name, noise)
+    checks.covariance(name, cov, series=True)
+    return Additive(cov)
+
+
 class NoiseSeries(NamedTuple):
     """A noise made ready for a run: factored once, looked up by instant."""
 

@@ -49,7 +49,7 @@ class Back(NamedTuple):
 
 def filtered(model: Affine) -> SquareRoot:
     """Beliefs about δ, each from the measurements up to its own instant, with a leading axis T."""
-    sums = prefixes(_after, jax.vmap(_step)(model))
+    sums = prefixes(after, jax.vmap(element)(model))
     return SquareRoot(sums.b, sums.U)
 
 
@@ -107,7 +107,8 @@ def _where(chosen: Array, a: Any, b: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(chosen.reshape(-1, *(1,) * (a.ndim - 1)), a, b), a, b)
 
 
-def _step(row: Affine) -> Step:
+def element(row: Affine) -> Step:
+    """That of one instant."""
     m, n = row.H.shape
     kept = row.active[:, None]
     H, V = jnp.where(kept, row.H, 0.0), jnp.where(kept, row.V, 0.0)
@@ -119,7 +120,7 @@ def _step(row: Affine) -> Step:
     return Step(row.F - gain @ M, row.c + gain @ white, U, M.T @ white, Z)
 
 
-def _after(i: Step, j: Step) -> Step:
+def after(i: Step, j: Step) -> Step:
     """`i`, then `j`."""
     n = i.b.shape[0]
     eye = jnp.eye(n, dtype=i.b.dtype)

@@ -1,9 +1,8 @@
 """Smoothing: each state from all measurements, past and future.
 
 Rauch, Tung & Striebel (1965) for the linear case; Särkkä (2008) for sigma points: going back from the end, the
-transition is reversed about the filtered belief, x[k] given x[k+1], and the smoothed x[k+1] is put in. That is
-`condition`, as for a measurement update, so the square-root form has no downdate either: with the gain G, and B Bᵀ the
-covariance of x[k] given x[k+1], P_s = G P_s⁺ Gᵀ + B Bᵀ.
+transition is reversed about the filtered belief (`reversal`), and the smoothed x[k+1] is put in: with the gain G, and
+B Bᵀ the covariance of x[k] given x[k+1], P_s = G P_s⁺ Gᵀ + B Bᵀ.
 """
 
 from dataclasses import dataclass
@@ -16,12 +15,14 @@ from jaxtyping import Array
 from sigmapoint import checks, series
 from sigmapoint.belief import Belief
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.conditioning import condition
 from sigmapoint.filtering import Estimator, estimate, fields, prepared, scan
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.results import FIELDS, Posterior
+from sigmapoint.reversal import Reversal
 from sigmapoint.step import Filter, FilterState, Info
+
+MAKERS = "sp.rts(), sp.two_filter(), sp.fixed_lag() or sp.ipls()"
 
 
 class Smoother(Estimator):
@@ -41,7 +42,7 @@ class RTS(Smoother):
         (states, info), log_likelihood, ahead = scan(run, y, u, out, real)
 
         def step(later: Belief, row: tuple[FilterState, Any]) -> tuple[Belief, dict[str, Array]]:
-            belief = reverse(run, *row, later)
+            belief = Reversal.of(run, *row).belief(run.model.state_space, later)
             return belief, fields(keep, belief)
 
         if real is not None:  # to look back on the last row from its own prediction changes nothing
@@ -52,17 +53,6 @@ class RTS(Smoother):
         smoothed, last = series.scan(step, end, before, reverse=True)[1], fields(keep, end)
         smoothed = {name: jnp.concatenate([smoothed[name], last[name][None]]) for name in smoothed}
         return {**smoothed, **info, "log_likelihood": log_likelihood}
-
-
-def reverse(run: Filter, state: FilterState, u: Any, later: Belief) -> Belief:
-    """The belief about x[k] from the filtered one and the smoothed belief about x[k+1]."""
-    fs = run.functions(state.step)
-    joint, _ = run.method.carry.transition(run.method.rule, state.belief, fs, u)
-    ahead = fs.state_space.residual(later.mean, joint.value.mean)
-    every = jnp.ones(ahead.shape, bool)
-    given = condition(joint, jnp.concatenate([ahead[:, None], later.factor], axis=1), every, type(later))
-    mean = fs.state_space.retract(joint.state.mean, given.step[:, 0])
-    return type(later).from_root(mean, jnp.concatenate([given.step[:, 1:], given.root], axis=1))
 
 
 def rts() -> RTS:
@@ -92,7 +82,7 @@ def smooth(
         y: measurements (T, m); NaN where an element was not measured.
         u: inputs, any pytree of arrays with leading axis T, or nothing.
         method: as for `filter`.
-        smoother: how: `rts()`, which is the default, or `ipls()`.
+        smoother: how: `rts()`, which is the default, `two_filter()`, `fixed_lag(lag)` or `ipls()`.
         keep: as for `filter`.
 
     Returns:
@@ -111,7 +101,7 @@ def smooth(
     """
     y, u, method = prepared(model, y, u, method)
     smoother = rts() if smoother is None else smoother
-    checks.instance("smoother", smoother, Smoother, "sp.rts() or sp.ipls()")
+    checks.instance("smoother", smoother, Smoother, MAKERS)
     keep = checks.selection("keep", keep, FIELDS)
     kept = unwrapped(estimate, model, y, u, method, smoother, keep)
     return Posterior.of(model, y, u, kept)
