@@ -1,0 +1,129 @@
+"""What smoothed beliefs expect of the noises: the E-step of expectation-maximisation.
+
+For Gaussian noises the expected log-density of states and measurements needs three second moments only,
+
+    E[w wᵀ], w = x[k+1] − f(x[k], u[k]);      E[v vᵀ], v = y[k] − h(x[k], u[k]);      those of x[0],
+
+the first under the smoothed belief about two neighbours together: with the transition reversed (`reversal`),
+x[k] = m[k] + G (x[k+1] − m[k+1]) + B ε. All are found by the method's rule, as a filter finds its own: exactly, where the
+model is linear. Source: Shumway & Stoffer (1982) for linear models; Kokkala, Solin & Särkkä (2016) for sigma points.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from sigmapoint import series
+from sigmapoint.belief import Belief, SquareRoot, covariance
+from sigmapoint.filtering import scan
+from sigmapoint.reversal import Reversal
+from sigmapoint.rules.linearization import Linearization
+from sigmapoint.spaces import Euclidean
+from sigmapoint.step import Filter, FilterState, measured
+
+
+class Smoothed(NamedTuple):
+    """Smoothed beliefs about every state and about every two neighbours, of one series, with what they are from."""
+
+    mean: Float[Array, "T d"]
+    factor: Float[Array, "T n n"]
+    gain: Float[Array, "T n n"]
+    """G from x[k+1] back to x[k]; of no account in the last row"""
+    root: Float[Array, "T n n"]
+    """B, likewise"""
+    y: Float[Array, "T e"]
+    u: Any
+    real: Bool[Array, "T"]
+    """which rows there are"""
+
+
+class Moments(NamedTuple):
+    """A sum of second moments, and of how many."""
+
+    total: Float[Array, "n n"]
+    count: Float[Array, ""]
+
+
+def smoothed(run: Filter, y: Array, u: Any, real: Array) -> tuple[Smoothed, Float[Array, ""]]:
+    """The beliefs, and the log-likelihood."""
+    states, log_likelihood, ahead = scan(run, y, u, lambda state, _: state, real)
+    kind, space = run.method.belief, run.model.state_space
+
+    def step(later: Belief, row: tuple[FilterState, Any]) -> tuple[Belief, tuple[Array, ...]]:
+        back = Reversal.of(run, *row)
+        belief = back.belief(space, later)
+        return belief, (belief.mean, belief.factor, back.gain, kind.from_root(back.mean, back.root).factor)
+
+    # (To look back on the last row from its own prediction changes nothing.)
+    found = series.scan(step, ahead.belief, (states, u), real=real, reverse=True)[1]
+    return Smoothed(*found, y, u, real), log_likelihood
+
+
+def of_transitions(run: Filter, s: Smoothed) -> Moments:
+    """E[w wᵀ] over a series."""
+    space = run.model.state_space
+
+    def one(k: Array, now: Array, G: Array, B: Array, u: Any, then: Array, L: Array) -> Array:
+        fs = run.functions(k)
+        call = fs.process.within(fs.f, space).call
+        n = G.shape[0]
+        nothing = jnp.zeros(0, now.dtype)
+
+        def off(d: Array) -> Array:
+            return space.residual(space.retract(then, d[:n]), call(space.retract(now, d[n:]), u, nothing))
+
+        factor = jnp.block([[L, jnp.zeros_like(B)], [G @ L, B]])
+        return _second(run.method.rule(off, factor, Euclidean()))
+
+    T = s.mean.shape[0]
+    before, after = (jax.tree.map(lambda a, part=part: a[part], s) for part in (slice(T - 1), slice(1, None)))
+    each = jax.vmap(one)(
+        jnp.arange(T - 1), before.mean, before.gain, before.root, before.u, after.mean, after.factor
+    )
+    return _summed(each, after.real)
+
+
+def of_measurements(run: Filter, s: Smoothed, R: Float[Array, "*T m m"]) -> Moments:
+    """E[v vᵀ] over a series; elements that were not measured are what `R`, so far, expects of them."""
+
+    def one(k: Array, mean: Array, L: Array, y: Array, u: Any, R: Array) -> tuple[Array, Array]:
+        fs = run.functions(k, y.shape)
+        call = fs.observation.within(fs.h, fs.observation_space).call
+        active = measured(y, R.shape[0])
+        nothing = jnp.zeros(0, mean.dtype)
+
+        def off(d: Array) -> Array:
+            return fs.innovation(y, call(fs.state_space.retract(mean, d), u, nothing), active)
+
+        seen = _second(run.method.rule(off, L, Euclidean()))
+        return _completed(seen, R, active), active.any()
+
+    T = s.mean.shape[0]
+    Rs = jnp.broadcast_to(R, (T, *R.shape[-2:]))
+    each, there = jax.vmap(one)(jnp.arange(T), s.mean, s.factor, s.y, s.u, Rs)
+    return _summed(each, s.real & there)
+
+
+def _second(lin: Linearization) -> Float[Array, "n n"]:
+    return covariance(lin, None) + jnp.outer(lin.mean, lin.mean)
+
+
+def _completed(seen: Float[Array, "m m"], R: Float[Array, "m m"], active: Bool[Array, " m"]) -> Float[Array, "m m"]:
+    """E[v vᵀ] of all elements from that of the measured ones: the others given these are A v, with what is left."""
+    both = active[:, None] & active[None, :]
+    known = jnp.where(both, R, 0.0) + jnp.diag(jnp.where(active & (jnp.diagonal(R) > 0), 0.0, 1.0))
+    A = jnp.linalg.solve(known, jnp.where(active[:, None], R, 0.0)).T
+    A = jnp.where(active[:, None], jnp.eye(R.shape[0], dtype=R.dtype), A)
+    left = jnp.where(active[:, None] | active[None, :], 0.0, R - A @ jnp.where(active[:, None], R, 0.0))
+    return A @ jnp.where(both, seen, 0.0) @ A.T + left
+
+
+def _summed(each: Float[Array, "T n n"], there: Bool[Array, "T"]) -> Moments:
+    return Moments(jnp.sum(jnp.where(there[:, None, None], each, 0.0), axis=0), jnp.sum(there, dtype=each.dtype))
+
+
+def first(s: Smoothed) -> SquareRoot:
+    """The smoothed belief about x[0]."""
+    return SquareRoot(s.mean[0], s.factor[0])
