@@ -8,7 +8,9 @@ from sigmapoint.blackbox import blackbox
 from sigmapoint.comparison import Comparison, compare
 from sigmapoint.diagnostics import diagnose
 from sigmapoint.filtering import filter
+from sigmapoint.identification.fit import ModelFit, fit
 from sigmapoint.identification.joint import joint
+from sigmapoint.identification.likelihood import LogPosterior, log_posterior
 from sigmapoint.identification.unknowns import Estimates, Unknown, bounded, estimates, positive, real
 from sigmapoint.learning.drift import annealed, fixed, forgetting, on_diagonal, robbins_monro
 from sigmapoint.learning.learner import Learner, learner
@@ -73,8 +75,10 @@ __all__ = [
     "Learner",
     "LearnerInfo",
     "LearnerState",
+    "LogPosterior",
     "Manifold",
     "Method",
+    "ModelFit",
     "NonAdditive",
     "OnlineFilter",
     "Posterior",
@@ -98,6 +102,7 @@ __all__ = [
     "estimates",
     "extended_set",
     "filter",
+    "fit",
     "fixed",
     "forgetting",
     "ghkf",
@@ -109,6 +114,7 @@ __all__ = [
     "learned_noise",
     "learner",
     "load",
+    "log_posterior",
     "on_diagonal",
     "online",
     "positive",
