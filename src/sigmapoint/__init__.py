@@ -9,7 +9,11 @@ from sigmapoint.comparison import Comparison, compare
 from sigmapoint.diagnostics import diagnose
 from sigmapoint.filtering import filter
 from sigmapoint.fixed_lag import LaggedState, OnlineSmoother, fixed_lag, online_smoother
+from sigmapoint.identification.em import EM, em
+from sigmapoint.identification.fit import ModelFit, fit
 from sigmapoint.identification.joint import joint
+from sigmapoint.identification.likelihood import LogPosterior, log_posterior
+from sigmapoint.identification.maximization import diagonal, full, tied
 from sigmapoint.identification.unknowns import Estimates, Unknown, bounded, estimates, positive, real
 from sigmapoint.learning.drift import annealed, fixed, forgetting, on_diagonal, robbins_monro
 from sigmapoint.learning.learner import Learner, learner
@@ -65,6 +69,7 @@ def __getattr__(name: str) -> Any:
 
 
 __all__ = [
+    "EM",
     "Additive",
     "Comparison",
     "Estimates",
@@ -77,8 +82,10 @@ __all__ = [
     "Learner",
     "LearnerInfo",
     "LearnerState",
+    "LogPosterior",
     "Manifold",
     "Method",
+    "ModelFit",
     "NonAdditive",
     "OnlineFilter",
     "OnlineSmoother",
@@ -99,13 +106,17 @@ __all__ = [
     "compare",
     "cross_entropy",
     "diagnose",
+    "diagonal",
     "ekf",
+    "em",
     "estimates",
     "extended_set",
     "filter",
+    "fit",
     "fixed",
     "fixed_lag",
     "forgetting",
+    "full",
     "ghkf",
     "ipls",
     "iterated",
@@ -115,6 +126,7 @@ __all__ = [
     "learned_noise",
     "learner",
     "load",
+    "log_posterior",
     "on_diagonal",
     "online",
     "online_smoother",
@@ -136,6 +148,7 @@ __all__ = [
     "srjulier_ukf",
     "srsimplex_ukf",
     "srukf",
+    "tied",
     "trajectories",
     "two_filter",
     "ukf",

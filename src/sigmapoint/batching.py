@@ -5,7 +5,7 @@ a piece of the batch runs in step (`jax.vmap`).
 """
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -41,6 +41,10 @@ class Ragged(NamedTuple):
     u: Any
     starts: np.ndarray
     lengths: np.ndarray
+
+    def held(self, members: np.ndarray, T: int) -> Int[np.ndarray, "S T"]:
+        """Rows of these series; of one shorter than T, the last again and again."""
+        return np.minimum(np.arange(T), self.lengths[members][:, None] - 1) + self.starts[members][:, None]
 
 
 def batch(
@@ -85,7 +89,7 @@ def batch(
     if smoother is not None:
         checks.instance("smoother", smoother, Smoother, MAKERS)
     ragged = isinstance(y, list | tuple)
-    rows = _concatenated(y, u) if ragged else _flattened(y, u)
+    rows = concatenated(y, u) if ragged else _flattened(y, u)
     method, B = fitting(model, method), len(rows.lengths)
     flat_y, flat_u = series_of(model, rows.y, rows.u, int(rows.lengths.max()))
     if not all(map(checks.known, jax.tree.leaves((model, flat_y, flat_u)))):
@@ -100,6 +104,24 @@ def batch(
     return Posterior.of(
         model, y, u, {name: jnp.asarray(np.stack([found[i][name] for i in range(B)])) for name in found[0]}
     )
+
+
+def stacked(model: StateSpaceModel, y: Any, u: Any) -> tuple[Float[Array, "S T m"], Any, Int[np.ndarray, " S"]]:
+    """One series (T, m) or a list of them, checked: measurements and inputs with axes (S, T), and the lengths.
+
+    Past the end of a series its measurements are NaN, and its inputs the last.
+    """
+    if isinstance(y, list | tuple):
+        rows = concatenated(y, u)
+    else:
+        y, u = series_of(model, y, u)
+        rows = Ragged(y, u, np.zeros(1, int), np.array([y.shape[0]]))
+    T = int(rows.lengths.max())
+    flat_y, flat_u = series_of(model, rows.y, rows.u, T)
+    held = rows.held(np.arange(len(rows.lengths)), T)
+    there = np.arange(T) < rows.lengths[:, None]
+    filled = jnp.where(there[..., None], flat_y[held], jnp.nan).astype(flat_y.dtype)
+    return filled, jax.tree.map(lambda a: a[held], flat_u), rows.lengths
 
 
 def _split(tree: Any, B: int) -> Any:
@@ -126,7 +148,12 @@ def _flattened(y: Any, u: Any) -> Ragged:
     return Ragged(y.reshape(B * T, -1), u, np.arange(B) * T, np.full(B, T))
 
 
-def _concatenated(ys: Sequence[Any], us: Any) -> Ragged:
+def concatenated(ys: Sequence[Any], us: Any) -> Ragged:
+    """Several series as one, checked against each other.
+
+    Raises:
+        ValueError: none, or some that differ in more than their lengths; as many `u` as `y`.
+    """
     if not ys:
         raise ValueError("y is an empty list: at least one series is needed")
     made = [np.asarray(y) for y in ys]
@@ -179,8 +206,7 @@ def _pieces(rows: Ragged, one_by_one: bool) -> Iterator[Piece]:
         for start in range(0, group, size):
             members = longest_first[start : min(start + size, group)]
             empty = size - len(members)
-            held = np.minimum(np.arange(T), rows.lengths[members][:, None] - 1) + rows.starts[members][:, None]
-            held = np.pad(held, ((0, empty), (0, 0)), mode="edge")
+            held = np.pad(rows.held(members, T), ((0, empty), (0, 0)), mode="edge")
             y, u = jax.tree.map(lambda a, held=held: a[held], (rows.y, rows.u))
             yield Piece(members, y, u, np.pad(rows.lengths[members], (0, empty)))
         longest_first, lengths = longest_first[group:], lengths[group:]
@@ -235,6 +261,11 @@ def _together(
         real = jnp.arange(T) < length
         return estimator(run, jnp.where(real[:, None], y, jnp.nan), u, keep, real)
 
+    return of_each(one, y, u, lengths)
+
+
+def of_each(one: Callable[..., Any], *rows: Any) -> Any:
+    """`one(*row)` for every row, one by one where loops are native, and in step elsewhere."""
     if _one_by_one():
-        return jax.lax.scan(lambda _, row: (None, one(*row)), None, (y, u, lengths))[1]
-    return jax.vmap(one)(y, u, lengths)
+        return jax.lax.scan(lambda _, row: (None, one(*row)), None, rows)[1]
+    return jax.vmap(one)(*rows)

@@ -41,6 +41,10 @@ class Ticket(RuntimeError):
         super().__init__(f"{type(error).__name__} in a blackbox: {error} [blackbox ticket {number}]")
 
 
+class NoDerivative(ValueError):
+    """A simulator was asked for its derivative."""
+
+
 class Blackbox:
     """A function of NumPy arrays that a model can call; made by `blackbox`."""
 
@@ -127,7 +131,7 @@ def _opaque(box: Blackbox, shape: jax.ShapeDtypeStruct, *args: Any) -> Array:
 
     @call.defjvp
     def no_derivative(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> Any:
-        raise ValueError(
+        raise NoDerivative(
             "a blackbox has no derivative: use a sigma-point method (sp.srcdkf(), sp.ukf(), ...), or give the model "
             "dynamics_jacobian / observation_jacobian"
         )

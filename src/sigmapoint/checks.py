@@ -85,12 +85,12 @@ def space(name: str, value: Any, size: int | None) -> None:
         raise ValueError(f"{name} names the elements {indices}, but there are {size}: 0 to {size - 1}")
 
 
-def extra(module: str, what: str) -> Any:
-    """A module of the packages that only some parts need."""
+def extra(module: str, what: str, group: str = "cli") -> Any:
+    """A module of the packages that only some parts need; `group` is the extra that brings it."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
-        raise ImportError(f"{what} needs {error.name}: pip install sigmapoint[cli]") from error
+        raise ImportError(f"{what} needs {error.name}: pip install sigmapoint[{group}]") from error
 
 
 def function(name: str, value: Any, arguments: str) -> None:

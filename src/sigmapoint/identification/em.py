@@ -1,83 +1,28 @@
 """Expectation-maximisation: noises, the initial belief and parameters of a model from measurements alone.
 
 Each step smooths with the model as it is (`expectation`), and takes the model under which what is then expected is the
-most likely. For the covariances and the initial belief that is a mean of second moments; for parameters, a search by
-gradient. For a linear model the likelihood of the measurements rises at every step (Dempster, Laird & Rubin 1977); for
-another, as far as the method's Gaussians go.
+most likely (`maximization`). For a linear model the likelihood of the measurements rises at every step (Dempster, Laird
+& Rubin 1977); for another, as far as the method's Gaussians go.
 
 Source: Shumway & Stoffer, "An approach to time series smoothing and forecasting using the EM algorithm" (1982).
 """
 
 import warnings
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from sigmapoint import checks
-from sigmapoint.belief import symmetric
+from sigmapoint.batching import stacked
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.filtering import prepared
-from sigmapoint.identification import expectation
-from sigmapoint.identification.expectation import Moments, Smoothed
+from sigmapoint.filtering import fitting
 from sigmapoint.identification.joint import built
+from sigmapoint.identification.maximization import Constant, Found, Problem, Structure, full, maximized
 from sigmapoint.identification.unknowns import Unknowns
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.noise import Additive, Gaussian
-from sigmapoint.step import Filter
-
-Structure = Callable[[Float[Array, "n n"]], Float[Array, "n n"]]
-"""A covariance from the second moment found for it."""
-
-
-def full(moment: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """A covariance without a structure, for `em`."""
-    return moment
-
-
-def diagonal(moment: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """A covariance without correlations, for `em`."""
-    return jnp.diag(jnp.diagonal(moment))
-
-
-def tied(moment: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """One variance for all elements, for `em`."""
-    return jnp.mean(jnp.diagonal(moment)) * jnp.eye(moment.shape[0], dtype=moment.dtype)
-
-
-class Found(NamedTuple):
-    """All that is estimated; nothing in place of what is not."""
-
-    z: Float[Array, " L"] | None
-    process: Float[Array, "n n"] | None
-    observation: Float[Array, "m m"] | None
-    initial: Gaussian | None
-
-
-class Problem(eqx.Module):
-    """What is known, and how the rest is sought."""
-
-    build: Callable[[Any], StateSpaceModel] = eqx.field(static=True)
-    unknowns: Unknowns | None
-    method: Method = eqx.field(static=True)
-    process: Structure | None = eqx.field(static=True)
-    observation: Structure | None = eqx.field(static=True)
-    initial: Structure | None = eqx.field(static=True)
-
-    def model(self, found: Found) -> StateSpaceModel:
-        """The model as found so far."""
-        theta = None if self.unknowns is None or found.z is None else self.unknowns.tree(found.z)
-        model = built(self.build, theta)
-        if found.process is not None:
-            model = eqx.tree_at(lambda m: m.process_noise, model, _with(model.process_noise, found.process))
-        if found.observation is not None:
-            model = eqx.tree_at(lambda m: m.observation_noise, model, _with(model.observation_noise, found.observation))
-        return model if found.initial is None else eqx.tree_at(lambda m: m.initial, model, found.initial)
+from sigmapoint.noise import Additive
 
 
 class EM(NamedTuple):
@@ -91,3 +36,136 @@ class EM(NamedTuple):
     """before the first step and after each; natural logarithms, by the filter"""
     converged: bool
     """whether the last step changed it by less than the tolerance"""
+
+
+def em(
+    model: Any,
+    y: Any,
+    u: Any = None,
+    method: Method | None = None,
+    *,
+    theta: Any = None,
+    process_noise: Structure | None = full,
+    observation_noise: Structure | None = full,
+    initial: Structure | None = full,
+    steps: int = 200,
+    tolerance: float = 1e-6,
+) -> EM:
+    """Learn noises, the initial belief and parameters of a model from measurements, by expectation-maximisation.
+
+    Args:
+        model: the model to start with, with additive noises; or `build(theta) -> StateSpaceModel` with `theta`.
+        y: measurements (T, m), NaN where an element was not measured; or a list of independent series (Tᵢ, m).
+        u: inputs, as for `filter`; for a list, a list of them.
+        method: as for `filter`; what smooths, and what takes the expectations.
+        theta: unknown parameters, as for `fit`: a pytree of `sp.real`, `sp.positive`, `sp.bounded` and numbers, or
+            `sp.Gaussian`. Their centre is where the search begins; it needs functions with derivatives.
+        process_noise: what the covariance may be: `sp.full`, `sp.diagonal`, `sp.tied` (one variance for all), a
+            function of your own from a second moment (n, n) to a covariance, or None to keep it as it is.
+        observation_noise: likewise.
+        initial: likewise, of the initial belief, whose mean is learned with it.
+        steps: how many at most.
+        tolerance: the log-likelihood changes by less, relative to the number of measurements: enough.
+
+    Returns:
+        An `EM`: the model, `theta`, the log-likelihood step by step, and whether it has converged.
+
+    Raises:
+        ValueError: as `filter`; nothing to learn, or noises to learn that are not additive or change with time.
+
+    Warns where the likelihood has fallen (the approximation of the filter is too coarse to go on; the best model so far
+    is returned), and where there were not enough steps.
+
+    Source: Shumway & Stoffer (1982); Kokkala, Solin & Särkkä, "Sigma-point filtering and smoothing based parameter
+    estimation in nonlinear dynamic systems" (2016).
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> def walk(q, r):
+        ...     return sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, q * jnp.eye(1), r * jnp.eye(1),
+        ...                               sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> _, y = sp.simulate(walk(0.1, 1.0), 500, key=0)
+        >>> found = sp.em(walk(1.0, 0.1), y, initial=None, tolerance=1e-4)
+        >>> bool(0.05 < found.model.process_noise.cov[0, 0] < 0.2), bool((jnp.diff(found.log_likelihood) > 0).all())
+        (True, True)
+    """
+    steps, tolerance = checks.whole("steps", steps, 1), checks.number("tolerance", tolerance)
+    problem, start = _problem(model, theta, method, process_noise, observation_noise, initial)
+    y, u, lengths = stacked(problem.model(start), y, u)
+    count = int(np.sum(~np.isnan(np.asarray(y))))
+    if not count:
+        raise ValueError("y has no measurements: every element is NaN")
+    real = np.arange(y.shape[1]) < lengths[:, None]
+    found, best, history = start, start, []
+    for _ in range(steps + 1):
+        after, value = unwrapped(maximized, problem, found, y, u, real)
+        history.append(float(value))
+        best = found if history[-1] >= max(history) else best
+        if _ended(history, tolerance * count):
+            break
+        found = after
+    fallen = _fallen(history, count)
+    converged = not fallen and _ended(history, tolerance * count)
+    _warn(fallen, converged, history, steps)
+    return EM(problem.model(best), problem.theta(best), np.array(history), converged)
+
+
+def _ended(history: list[float], enough: float) -> bool:
+    """Whether the last step has changed little, or was for the worse."""
+    return not np.isfinite(history[-1]) or (len(history) > 1 and history[-1] - history[-2] < enough)
+
+
+def _fallen(history: list[float], count: int) -> bool:
+    """By more than round-off."""
+    down = history[-2] - history[-1] if len(history) > 1 else 0.0
+    return not np.isfinite(history[-1]) or down > 1e-9 * max(count, abs(history[-1]))
+
+
+def _warn(fallen: bool, converged: bool, history: list[float], steps: int) -> None:
+    if fallen:
+        warnings.warn(
+            f"em: the log-likelihood fell from {history[-2] if len(history) > 1 else history[0]:.6g} to "
+            f"{history[-1]:.6g} at step {len(history) - 1}: the filter's approximation is too coarse to go on. The "
+            "best model so far is returned; sp.fit maximises the likelihood of the same filter itself",
+            stacklevel=3,
+        )
+    elif not converged:
+        warnings.warn(f"em: not converged in {steps} steps; give more, or a larger tolerance", stacklevel=3)
+
+
+def _problem(
+    model: Any,
+    theta: Any,
+    method: Method | None,
+    process: Structure | None,
+    observation: Structure | None,
+    initial: Structure | None,
+) -> tuple[Problem, Found]:
+    """What is sought, and where it starts."""
+    if theta is None:
+        checks.instance("model", model, StateSpaceModel, "a sp.StateSpaceModel, or a function of theta with theta=")
+        given, unknowns, z = model, None, None
+    else:
+        checks.function("model", model, "theta")
+        unknowns = Unknowns.of(theta)
+        z = unknowns.prior.mean
+        given = built(model, unknowns.tree(z))
+    for name, structure in (("process_noise", process), ("observation_noise", observation), ("initial", initial)):
+        if structure is not None:
+            checks.function(name, structure, "a second moment, such as sp.full,")
+    for name, structure in (("process_noise", process), ("observation_noise", observation)):
+        noise: Any = getattr(given, name)
+        if (structure is not None or z is not None) and not isinstance(noise, Additive):
+            raise ValueError(f"em: the {name} of the model is not additive; sp.fit learns such models")
+        if structure is not None and noise.cov.ndim == 3:
+            raise ValueError(f"em: the {name} of the model changes with time: keep it, {name}=None, or use sp.fit")
+    if z is None and process is None and observation is None and initial is None:
+        raise ValueError("em: nothing is left to learn; give theta, or a structure for one of the noises")
+    found = Found(
+        z,
+        None if process is None else given.process_noise.cov,
+        None if observation is None else given.observation_noise.cov,
+        None if initial is None else given.initial,
+    )
+    source = Constant(given) if theta is None else model
+    return Problem(source, unknowns, fitting(given, method), process, observation, initial), found

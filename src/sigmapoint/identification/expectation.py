@@ -5,8 +5,10 @@ For Gaussian noises the expected log-density of states and measurements needs th
     E[w wᵀ], w = x[k+1] − f(x[k], u[k]);      E[v vᵀ], v = y[k] − h(x[k], u[k]);      those of x[0],
 
 the first under the smoothed belief about two neighbours together: with the transition reversed (`reversal`),
-x[k] = m[k] + G (x[k+1] − m[k+1]) + B ε. All are found by the method's rule, as a filter finds its own: exactly, where the
-model is linear. Source: Shumway & Stoffer (1982) for linear models; Kokkala, Solin & Särkkä (2016) for sigma points.
+x[k] = m[k] + G (x[k+1] − m[k+1]) + B ε. All are found by the method's rule, as a filter finds its own: exactly, where
+the model is linear.
+
+Source: Shumway & Stoffer (1982) for linear models; Kokkala, Solin & Särkkä (2016) for sigma points.
 """
 
 from typing import Any, NamedTuple
@@ -43,7 +45,7 @@ class Moments(NamedTuple):
     """A sum of second moments, and of how many."""
 
     total: Float[Array, "n n"]
-    count: Float[Array, ""]
+    number: Float[Array, ""]
 
 
 def smoothed(run: Filter, y: Array, u: Any, real: Array) -> tuple[Smoothed, Float[Array, ""]]:
@@ -57,32 +59,28 @@ def smoothed(run: Filter, y: Array, u: Any, real: Array) -> tuple[Smoothed, Floa
         return belief, (belief.mean, belief.factor, back.gain, kind.from_root(back.mean, back.root).factor)
 
     # (To look back on the last row from its own prediction changes nothing.)
-    found = series.scan(step, ahead.belief, (states, u), real=real, reverse=True)[1]
-    return Smoothed(*found, y, u, real), log_likelihood
+    mean, factor, gain, root = series.scan(step, ahead.belief, (states, u), real=real, reverse=True)[1]
+    return Smoothed(mean, factor, gain, root, y, u, real), log_likelihood
 
 
 def of_transitions(run: Filter, s: Smoothed) -> Moments:
     """E[w wᵀ] over a series."""
     space = run.model.state_space
 
-    def one(k: Array, now: Array, G: Array, B: Array, u: Any, then: Array, L: Array) -> Array:
+    def one(k: Array, now: Smoothed, then: Array, L: Array) -> Array:
         fs = run.functions(k)
         call = fs.process.within(fs.f, space).call
-        n = G.shape[0]
-        nothing = jnp.zeros(0, now.dtype)
+        n, nothing = L.shape[0], jnp.zeros(0, L.dtype)
 
         def off(d: Array) -> Array:
-            return space.residual(space.retract(then, d[:n]), call(space.retract(now, d[n:]), u, nothing))
+            return space.residual(space.retract(then, d[:n]), call(space.retract(now.mean, d[n:]), now.u, nothing))
 
-        factor = jnp.block([[L, jnp.zeros_like(B)], [G @ L, B]])
+        factor = jnp.block([[L, jnp.zeros_like(L)], [now.gain @ L, now.root]])
         return _second(run.method.rule(off, factor, Euclidean()))
 
     T = s.mean.shape[0]
-    before, after = (jax.tree.map(lambda a, part=part: a[part], s) for part in (slice(T - 1), slice(1, None)))
-    each = jax.vmap(one)(
-        jnp.arange(T - 1), before.mean, before.gain, before.root, before.u, after.mean, after.factor
-    )
-    return _summed(each, after.real)
+    before = jax.tree.map(lambda a: a[:-1], s)
+    return _summed(jax.vmap(one)(jnp.arange(T - 1), before, s.mean[1:], s.factor[1:]), s.real[1:])
 
 
 def of_measurements(run: Filter, s: Smoothed, R: Float[Array, "*T m m"]) -> Moments:

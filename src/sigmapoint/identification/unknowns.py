@@ -5,7 +5,6 @@ are: an interval of z is one of the parameter. Elements of z have a prior of mea
 the parameters are: 1e-9 beside 1e6 is no matter. (With `sp.Gaussian` in place of a pytree, z is the vector itself.)
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -147,7 +146,7 @@ class Unknowns(eqx.Module):
 
     prior: Gaussian
     """of z"""
-    tree: Callable[[Array], Any]
+    tree: Any
     """the parameters at z"""
     names: tuple[str, ...] = eqx.field(static=True)
     """of the elements of z"""
@@ -182,11 +181,18 @@ class Unknowns(eqx.Module):
         """Number of elements of z."""
         return self.prior.mean.shape[0]
 
+    def values(self, z: Float[Array, " L"]) -> Float[Array, " L"]:
+        """The parameters at z in their own units, one after the other, as they are named."""
+        return self.tree.values(z)
+
 
 class _Vector(eqx.Module):
     """z is the parameters."""
 
     def __call__(self, z: Float[Array, " L"]) -> Array:
+        return z
+
+    def values(self, z: Float[Array, " L"]) -> Float[Array, " L"]:
         return z
 
 
@@ -197,6 +203,12 @@ class _Tree(eqx.Module):
     rest: Any
 
     def __call__(self, z: Float[Array, " L"]) -> Any:
+        return eqx.combine(self._unknowns(z), self.rest)
+
+    def values(self, z: Float[Array, " L"]) -> Float[Array, " L"]:
+        return jnp.concatenate([jnp.ravel(leaf).astype(z.dtype) for leaf in jax.tree.leaves(self._unknowns(z))])
+
+    def _unknowns(self, z: Float[Array, " L"]) -> Any:
         taken = 0
 
         def leaf(unknown: Unknown) -> Array:
@@ -205,7 +217,7 @@ class _Tree(eqx.Module):
             taken += unknown.center.size
             return unknown.range.value(unknown.center, unknown.std, part)
 
-        return eqx.combine(jax.tree.map(leaf, self.unknowns, is_leaf=_is_unknown), self.rest)
+        return jax.tree.map(leaf, self.unknowns, is_leaf=_is_unknown)
 
 
 def _is_unknown(a: Any) -> bool:
@@ -239,12 +251,13 @@ class Estimates(NamedTuple):
 
     @classmethod
     def of(cls, unknowns: Unknowns, mean: Float[Array, "*T L"], std: Float[Array, "*T L"]) -> "Estimates":
-        """From beliefs about z."""
+        """From beliefs about z; where a deviation is NaN, the value alone is known."""
         flat_mean, flat_std = mean.reshape(-1, mean.shape[-1]), std.reshape(-1, std.shape[-1])
         lead = mean.shape[:-1]
 
         def at(distance: float) -> Any:
-            found = jax.vmap(unknowns.tree, out_axes=0)(flat_mean + distance * flat_std)
+            z = flat_mean + distance * flat_std if distance else flat_mean
+            found = jax.vmap(unknowns.tree, out_axes=0)(z)
             return jax.tree.map(lambda a: jnp.reshape(a, (*lead, *jnp.shape(a)[1:])), found)
 
         half = jax.tree.map(lambda above, below: (above - below) / 2, at(1.0), at(-1.0))

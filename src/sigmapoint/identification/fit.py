@@ -1,0 +1,238 @@
+"""Parameters from measurements: maximum likelihood, or maximum a posteriori, with standard errors.
+
+    ẑ = argmax log p(y | θ(z)) + w log p(z),        Cov(ẑ) ≈ H⁻¹,    H = -∂²/∂z² of the same at ẑ,
+
+w being 0 or 1. Derivatives go through the filter. Everything is done in units of the prior deviations.
+
+Source: Harvey, "Forecasting, Structural Time Series Models and the Kalman Filter" (1989), sections 3.4 and 4.5.
+"""
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from sigmapoint import checks
+from sigmapoint.blackbox import NoDerivative
+from sigmapoint.identification.curvature import Curvature
+from sigmapoint.identification.joint import built
+from sigmapoint.identification.likelihood import LogPosterior, log_posterior
+from sigmapoint.identification.profile import Profile, plot_profiles
+from sigmapoint.identification.unknowns import Estimates, Unknowns
+from sigmapoint.methods import Method
+from sigmapoint.model import StateSpaceModel
+
+NEAR = 0.01
+"""Standard deviations from the optimum at which a search has arrived."""
+REACH = 3.0
+"""Standard deviations to either side that a profile goes."""
+
+
+class ModelFit(eqx.Module):
+    """What measurements say of the parameters of a model; made by `fit`. `print` of it is a table."""
+
+    posterior: LogPosterior
+    """the function that was made as large as possible"""
+    z: Float[Array, " L"]
+    """where that is"""
+    z_cov: Float[Array, "L L"]
+    """the inverse of the curvature there; NaN for elements that measurements leave open"""
+    log_likelihood: float
+    """natural logarithm of the density of all measurements, without a prior"""
+    converged: bool
+    """whether the optimum is closer than 0.01 standard deviations"""
+    steps: int
+    """how often the likelihood was computed on the way"""
+
+    @property
+    def theta(self) -> Any:
+        """The parameters, as the pytree that `build` takes."""
+        return self.posterior.theta(self.z)
+
+    @property
+    def model(self) -> StateSpaceModel:
+        """The model with these parameters."""
+        return built(self.posterior.build, self.theta)
+
+    @property
+    def estimates(self) -> Estimates:
+        """Value, standard deviation and 95 % interval, each a pytree like the parameters, in their own units."""
+        return Estimates.of(self.posterior.unknowns, self.z, jnp.sqrt(jnp.diagonal(self.z_cov)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the unknown parameters, in the order of `z`."""
+        return self.posterior.unknowns.names
+
+    def profile(self, name: str, points: int = 21) -> Profile:
+        """The likelihood along one parameter, the others at their best.
+
+        Args:
+            name: which one, of `names`.
+            points: how many, over three standard deviations to either side.
+
+        Raises:
+            ValueError: an unknown name, less than three points.
+        """
+        if name not in self.names:
+            raise ValueError(f"profile: name must be one of {', '.join(self.names)}, got {name!r}")
+        points = checks.whole("profile: points", points, 3)
+        z, density = _profile(self.posterior, self.z, self.z_cov, jnp.asarray(self.names.index(name)), points)
+        value = np.asarray(jax.vmap(self.posterior.unknowns.values)(z))[:, self.names.index(name)]
+        return Profile(name, value, np.asarray(density), float(self.posterior(self.z)))
+
+    def plot_profiles(self, points: int = 21) -> np.ndarray:
+        """Draw the profile of every parameter; returns the matplotlib axes."""
+        return plot_profiles([self.profile(name, points) for name in self.names])
+
+    def __str__(self) -> str:
+        unknowns = self.posterior.unknowns
+        std = jnp.sqrt(jnp.diagonal(self.z_cov))
+        found = Estimates.of(Unknowns(unknowns.prior, unknowns.tree.values, unknowns.names), self.z, std)
+        rows = [("", "value", "std", "95 % interval")]
+        for i, name in enumerate(self.names):
+            value, spread, low, high = (f"{float(a[i]):.4g}" for a in found)
+            rows.append((name, value, spread, f"{low} … {high}") if spread != "nan" else (name, value, "open", ""))
+        widths = [max(map(len, column)) for column in zip(*rows)]
+        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows]
+        arrived = f"converged in {self.steps} steps" if self.converged else f"NOT CONVERGED after {self.steps} steps"
+        return "\n".join([*lines, f"log-likelihood {self.log_likelihood:.6g}, {arrived}"])
+
+
+def fit(
+    build: Callable[[Any], StateSpaceModel],
+    theta: Any,
+    y: Any,
+    u: Any = None,
+    method: Method | None = None,
+    *,
+    prior: float = 0.0,
+    steps: int = 200,
+) -> ModelFit:
+    """Fit the parameters of a model, noise levels among them, to measurements: maximum likelihood.
+
+    Args:
+        build: `build(theta) -> StateSpaceModel`, a function that JAX can trace and differentiate. Noises and the
+            initial belief may depend on the parameters. Write it once: another function is compiled anew.
+        theta: the parameters, as for `joint`: a pytree of `sp.real`, `sp.positive`, `sp.bounded` and numbers (one that
+            may be off by its own size), or `sp.Gaussian` over a vector. Their centre is where the search begins, their
+            deviation its scale.
+        y: measurements (T, m), NaN where an element was not measured; or a list of independent series (Tᵢ, m).
+        u: inputs, as for `filter`; for a list, a list of them.
+        method: as for `filter`. The likelihood is the one that this filter sees.
+        prior: how often `theta` counts as knowledge, too: 0 for maximum likelihood, 1 for maximum a posteriori.
+        steps: evaluations of the likelihood at most, before the last ones with Newton's method.
+
+    Returns:
+        A `ModelFit`: `theta`, `estimates`, `model`, `profile(name)`, `log_likelihood`, `converged`.
+
+    Raises:
+        ValueError: as `log_posterior`; nothing measured; a likelihood that is not finite at the start; a black box.
+        ImportError: optimistix is not installed (`pip install sigmapoint[fit]`).
+
+    Warns where the search has not converged, and where measurements leave a parameter open (its deviation is NaN).
+
+    Source: Harvey (1989), section 3.4.
+
+    Examples:
+        >>> import jax, jax.numpy as jnp, sigmapoint as sp
+        >>> def build(theta):
+        ...     return sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, theta["q"] * jnp.eye(1),
+        ...                               theta["r"] * jnp.eye(1), sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> _, y = sp.simulate(build({"q": 0.5, "r": 0.2}), 300, key=jax.random.key(0))
+        >>> found = sp.fit(build, {"q": sp.positive(1.0, 1.0), "r": sp.positive(1.0, 1.0)}, y, method=sp.ekf())
+        >>> bool(found.estimates.low["q"] < 0.5 < found.estimates.high["q"]), found.converged
+        (True, True)
+    """
+    checks.extra("optimistix", "fit", "fit")
+    weight, steps = checks.number("prior", prior), checks.whole("steps", steps, 1)
+    if not 0 <= weight < np.inf:
+        raise ValueError(f"prior must be 0 (maximum likelihood), 1 (maximum a posteriori) or above, got {prior}")
+    posterior = log_posterior(build, theta, y, u, method)
+    posterior = eqx.tree_at(lambda p: p.weight, posterior, weight)
+    if not posterior.measured:
+        raise ValueError("y has no measurements: every element is NaN")
+    try:
+        z, cov, log_likelihood, distance, taken = _fitted(posterior, steps)
+    except NoDerivative as error:
+        raise ValueError(
+            "fit: a blackbox has no derivative, which fit needs: use sp.em for its noises or sp.joint for its "
+            "parameters, or write the function in JAX"
+        ) from error
+    if not np.isfinite(log_likelihood):
+        raise ValueError(
+            "fit: the log-likelihood or its derivative is not finite at the start, the centre of theta: is "
+            "build(theta) a model there, with noises above zero? Start elsewhere, or use a square-root method"
+        )
+    found = ModelFit(posterior, z, cov, float(log_likelihood), bool(distance < NEAR), int(taken))
+    _warn(found, float(distance), steps)
+    return found
+
+
+def _warn(found: ModelFit, distance: float, steps: int) -> None:
+    left = [name for name, variance in zip(found.names, np.diagonal(found.z_cov)) if not np.isfinite(variance)]
+    if left:
+        warnings.warn(
+            f"fit: the measurements leave {', '.join(left)} open, alone or together: the likelihood is flat there (or "
+            "not at a maximum), and the standard deviation is NaN. Fix one, use prior=1, or see profile()",
+            stacklevel=3,
+        )
+    if not found.converged:
+        warnings.warn(
+            f"fit: not converged after {found.steps} steps, about {distance:.2g} standard deviations from the optimum: "
+            f"give steps more than {steps}, or theta centres that are closer and deviations as large as they are off",
+            stacklevel=3,
+        )
+
+
+def _scaled(posterior: LogPosterior) -> tuple[Callable[[Array], Array], Array]:
+    """The negative log-density of s = (z - m) / d, in the accuracy of the model, and d, the prior deviations."""
+    d, dtype = jnp.sqrt(jnp.diagonal(posterior.unknowns.prior.cov)), posterior.y.dtype
+    return lambda s: -posterior(posterior.start + d * s.astype(d.dtype)).astype(dtype), d
+
+
+@eqx.filter_jit
+def _fitted(posterior: LogPosterior, steps: int) -> tuple[Array, Array, Array, Array, Array]:
+    """z, its covariance, the log-likelihood, what is left to go [standard deviations] and the steps taken."""
+    from sigmapoint.identification.search import minimum
+
+    f, d = _scaled(posterior)
+    found = minimum(f, jnp.zeros(d.shape, posterior.y.dtype), _count(posterior), steps)
+    curvature = Curvature.of(found.hessian)
+    z = posterior.start + d * found.s.astype(d.dtype)
+    cov = curvature.cov.astype(d.dtype) * (d[:, None] * d[None, :])
+    log_likelihood = jnp.where(jnp.isfinite(found.value), posterior.log_likelihood(z), -jnp.inf)
+    return z, cov, log_likelihood, curvature.distance(found.gradient), found.steps
+
+
+def _count(posterior: LogPosterior) -> Array:
+    return jnp.sum(~jnp.isnan(posterior.y), dtype=posterior.y.dtype)
+
+
+@eqx.filter_jit
+def _profile(posterior: LogPosterior, z: Array, cov: Array, i: Array, points: int) -> tuple[Array, Array]:
+    """z along its element i, and the log-density there, both (points, ...)."""
+    from sigmapoint.identification.search import bfgs
+
+    f, d = _scaled(posterior)
+    at = (z - posterior.start) / d
+    scaled = cov / (d[:, None] * d[None, :])
+    std = jnp.sqrt(scaled[i, i])
+    slope = jnp.nan_to_num(scaled[:, i] / scaled[i, i]).at[i].set(1.0)
+    reach = REACH * jnp.where(jnp.isfinite(std), std, 1.0)
+
+    def one(step: Array) -> tuple[Array, Array]:
+        start = (at + slope * step).astype(posterior.y.dtype)
+
+        def held(others: Array) -> Array:
+            return f(others.at[i].set(start[i]))
+
+        best = bfgs(held, start, _count(posterior), 100)[0]
+        return posterior.start + d * best.at[i].set(start[i]).astype(d.dtype), -held(best)
+
+    return jax.lax.map(one, jnp.linspace(-reach, reach, points))

@@ -1,0 +1,177 @@
+"""The log-likelihood of measurements as a function of parameters, and with a prior the log-density after them.
+
+    log p(z | y) = log p(y | θ(z)) + log N(z; m, P) + const,        log p(y | θ) = Σ log p(y[k] | y[0], …, y[k-1], θ),
+
+each term of the sum what a filter predicts of the next measurement (the prediction error decomposition). The prior is
+one of z itself, so no Jacobian of θ(z) enters.
+
+Source: Schweppe, IEEE Trans. Inf. Theory 11 (1965) 61; Särkkä, "Bayesian Filtering and Smoothing" (2013), eq 12.5.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from sigmapoint import checks
+from sigmapoint.batching import Ragged, concatenated, of_each
+from sigmapoint.filtering import fitting, scan, series_of
+from sigmapoint.identification.joint import built
+from sigmapoint.identification.unknowns import Unknowns
+from sigmapoint.methods import Method
+from sigmapoint.model import StateSpaceModel
+from sigmapoint.step import LOG_2PI, Filter
+
+
+class LogPosterior(eqx.Module):
+    """The logarithm of the density of z, up to a constant; made by `log_posterior`.
+
+    Under `jax.jit`, `jax.grad`, `jax.hessian` and `jax.vmap` it is one program, compiled once for each `build`. Where the value or a derivative is not
+    finite it is -inf with a gradient of zero: a sampler rejects that, and a line search steps back.
+    """
+
+    build: Callable[[Any], StateSpaceModel]
+    unknowns: Unknowns
+    y: Float[Array, "S T m"]
+    """of every series, NaN past its end"""
+    u: Any
+    lengths: Int[Array, " S"] | None
+    """of the series, where they differ"""
+    method: Method
+    weight: float = 1.0
+    """of the prior"""
+
+    # Compiled also where nobody asks for it: a model made of known numbers would refuse those that are no use.
+    @eqx.filter_jit
+    def __call__(self, z: Float[Array, " L"]) -> Float[Array, ""]:
+        return _finite(z, self)
+
+    @eqx.filter_jit
+    def log_likelihood(self, z: Float[Array, " L"]) -> Float[Array, ""]:
+        """Natural logarithm of the density of all measurements, as the filter has it; series are independent."""
+        run = Filter.of(self.build(self.theta(z)), self.method)
+        T = self.y.shape[1]
+
+        def one(y: Array, u: Any, *length: Array) -> Array:
+            real = jnp.arange(T) < length[0] if length else None
+            return scan(run, y, u, lambda state, info: None, real)[1]
+
+        rows = (self.y, self.u) if self.lengths is None else (self.y, self.u, self.lengths)
+        return of_each(one, *rows).sum().astype(z.dtype)
+
+    def log_prior(self, z: Float[Array, " L"]) -> Float[Array, ""]:
+        """Natural logarithm of the density of z before any measurement."""
+        root = jnp.linalg.cholesky(self.unknowns.prior.cov)
+        white = jax.scipy.linalg.solve_triangular(root, z - self.start, lower=True)
+        return -0.5 * jnp.sum(white**2 + LOG_2PI) - jnp.sum(jnp.log(jnp.diagonal(root)))
+
+    def theta(self, z: Float[Array, " L"]) -> Any:
+        """The parameters at z, in their own units."""
+        return self.unknowns.tree(z)
+
+    @property
+    def start(self) -> Float[Array, " L"]:
+        """The prior mean of z."""
+        return self.unknowns.prior.mean
+
+    @property
+    def measured(self) -> int:
+        """How many numbers were measured."""
+        return int(np.sum(~np.isnan(self.y)))
+
+    # Arrays have no hash, and `jax.jit` asks its function for one.
+    def __hash__(self) -> int:
+        return id(self)
+
+    def __eq__(self, other: object) -> Any:
+        return self is other
+
+
+@eqx.filter_custom_vjp
+def _finite(z: Float[Array, " L"], density: LogPosterior) -> Array:
+    value = _density(z, density)
+    return jnp.where(jnp.isfinite(value), value, -jnp.inf)
+
+
+# The slope is found along with the value, so that one that is not finite can still say that the value is of no use.
+@_finite.def_fwd
+def _finite_and_slope(perturbed: Any, z: Array, density: LogPosterior) -> tuple[Array, Array]:
+    value, slope = jax.value_and_grad(_density)(z, density)
+    good = jnp.isfinite(value) & jnp.isfinite(slope).all()
+    return jnp.where(good, value, -jnp.inf), jnp.where(good, slope, 0)
+
+
+@_finite.def_bwd
+def _along_slope(slope: Array, cotangent: Array, perturbed: Any, z: Array, density: LogPosterior) -> Array:
+    return cotangent * slope
+
+
+def _density(z: Array, density: LogPosterior) -> Array:
+    return density.log_likelihood(z) + density.weight * density.log_prior(z)
+
+
+def log_posterior(
+    build: Callable[[Any], StateSpaceModel], theta: Any, y: Any, u: Any = None, method: Method | None = None
+) -> LogPosterior:
+    """The logarithm of the density of unknown parameters after measurements, for optimisers and samplers.
+
+    It is a function of the vector z of all unknown parameters, which has no bounds and a Gaussian prior of mean 0 and
+    deviation 1 for each element: what samplers like. `blackjax.nuts(density, ...)` takes it as it is; in numpyro write
+    `numpyro.factor("y", density.log_likelihood(z))` beneath `z ~ Normal(0, 1)`.
+
+    Args:
+        build: `build(theta) -> StateSpaceModel`, a function that JAX can trace and differentiate. Noises and the
+            initial belief may depend on the parameters.
+        theta: the parameters and what is known of them, as for `joint`: a pytree of `sp.real`, `sp.positive`,
+            `sp.bounded` and numbers, or `sp.Gaussian` over a vector.
+        y: measurements (T, m), NaN where an element was not measured; or a list of independent series (Tᵢ, m).
+        u: inputs, as for `filter`; for a list, a list of them.
+        method: as for `filter`.
+
+    Returns:
+        A callable `LogPosterior`, `z (L,) -> ()`, with `log_likelihood(z)`, `log_prior(z)`, `theta(z)` and `start`.
+
+    Raises:
+        ValueError: no unknown parameters, a `build` that gives no model, shapes that do not fit, infinite measurements,
+            NaN in `u`, a singular prior.
+
+    Source: Särkkä (2013), eq 12.5.
+
+    Examples:
+        >>> import jax, jax.numpy as jnp, sigmapoint as sp
+        >>> def build(theta):
+        ...     return sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, theta["q"] * jnp.eye(1),
+        ...                               0.1 * jnp.eye(1), sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> density = sp.log_posterior(build, {"q": sp.positive(0.1, 0.1)}, jnp.sin(jnp.arange(30.0))[:, None])
+        >>> density(density.start).shape, jax.grad(density)(density.start).shape
+        ((), (1,))
+    """
+    checks.function("build", build, "theta")
+    unknowns = Unknowns.of(theta)
+    _regular(unknowns)
+    model = built(build, unknowns.tree(unknowns.prior.mean))
+    method = fitting(model, method)
+    rows = concatenated(y, u) if isinstance(y, list | tuple) else _single(model, y, u)
+    T = int(rows.lengths.max())
+    flat_y, flat_u = series_of(model, rows.y, rows.u, T)
+    held = rows.held(np.arange(len(rows.lengths)), T)
+    real = np.arange(T) < rows.lengths[:, None]
+    filled = jnp.where(real[..., None], flat_y[held], jnp.nan).astype(flat_y.dtype)
+    lengths = None if real.all() else jnp.asarray(rows.lengths)
+    return LogPosterior(build, unknowns, filled, jax.tree.map(lambda a: a[held], flat_u), lengths, method)
+
+
+def _single(model: StateSpaceModel, y: Any, u: Any) -> Ragged:
+    y, u = series_of(model, y, u)
+    return Ragged(y, u, np.zeros(1, int), np.array([y.shape[0]]))
+
+
+def _regular(unknowns: Unknowns) -> None:
+    if checks.known(unknowns.prior.cov):
+        std = np.sqrt(np.diagonal(unknowns.prior.cov))
+        if not (std > 0).all() or not np.isfinite(np.asarray(jnp.linalg.cholesky(unknowns.prior.cov))).all():
+            raise ValueError("theta has a singular covariance: a prior density needs one that is positive definite")

@@ -1,0 +1,58 @@
+"""The profile of a likelihood: one parameter held, the others at their best.
+
+Where measurements leave a parameter open, or its likelihood leans to one side, the profile shows it. It falls by
+BAR²/2 at the ends of an interval of BAR standard deviations, in whatever units.
+
+Source: Pawitan, "In All Likelihood" (2001), section 3.4.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from sigmapoint import checks
+from sigmapoint.identification.unknowns import BAR
+
+
+class Profile(NamedTuple):
+    """The largest log-likelihood that is left where one parameter is held."""
+
+    name: str
+    value: Float[np.ndarray, " P"]
+    """of the parameter, in its own units"""
+    log_likelihood: Float[np.ndarray, " P"]
+    """with the prior's part, where the fit had one"""
+    best: float
+    """of the fit"""
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Where the log-likelihood is 2 below the best: of a Gaussian, two deviations; NaN where that is not reached."""
+        fall = np.sqrt(2 * np.maximum(self.best - self.log_likelihood, 0.0))
+        peak = int(np.argmin(fall))
+        side = np.where(np.arange(len(fall)) < peak, -1.0, 1.0)
+        low, high = np.interp([-BAR, BAR], side * fall, self.value, left=np.nan, right=np.nan)
+        return float(low), float(high)
+
+
+def plot_profiles(profiles: Sequence[Profile]) -> np.ndarray:
+    """Draw profiles one beside the other, with the line that cuts off the 95 % interval; returns the matplotlib axes.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+    """
+    plt = checks.extra("matplotlib.pyplot", "plot_profiles")
+    size = (0.8 + 2.6 * len(profiles), 2.6)
+    figure, axes = plt.subplots(1, len(profiles), sharey=True, squeeze=False, figsize=size, layout="constrained")
+    for profile, ax in zip(profiles, axes[0]):
+        ax.plot(profile.value, profile.log_likelihood - profile.best, lw=1.3)
+        ax.axhline(-(BAR**2) / 2, ls="--", color="0.35", lw=1.1)
+        for end in profile.interval:
+            ax.axvline(end, ls=":", color="0.35", lw=1.1)
+        ax.set_xlabel(profile.name)
+        ax.grid(alpha=0.25)
+        ax.spines[["top", "right"]].set_visible(False)
+    axes[0, 0].set_ylabel("log-likelihood − best")
+    return axes[0]

@@ -1,0 +1,197 @@
+"""Expectation-maximisation: the textbook's on linear models, and what it claims on others."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracles.expectation_maximization import Linear, em_step
+
+import sigmapoint as sp
+
+A, H = np.array([[0.9, 0.3], [-0.2, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
+TRUE = Linear(A, 0.1 * np.array([[1, 0.5], [0.5, 1.0]]), H, np.array([[0.5, 0.1], [0.1, 0.3]]), np.ones(2), np.eye(2))
+START = TRUE._replace(Q=np.eye(2), R=np.eye(2), m0=np.zeros(2))
+
+
+def _model(m: Linear) -> sp.StateSpaceModel:
+    return sp.StateSpaceModel(lambda x, u: A @ x, lambda x, u: H @ x, m.Q, m.R, sp.Gaussian(m.m0, m.P0))
+
+
+def _series(T: int, seed: int = 1) -> jax.Array:
+    y = sp.simulate(_model(TRUE), T, key=seed)[1]
+    return y.at[T // 3 : T // 3 + 4].set(jnp.nan)
+
+
+@pytest.mark.filterwarnings("ignore:em. not converged")
+@pytest.mark.parametrize("method", [sp.srcdkf(), sp.ekf(), sp.ukf(), sp.srukf(alpha=1e-2), sp.ghkf()])
+def test_on_a_linear_model_every_step_is_the_textbooks(method):
+    y, expected, likelihoods = _series(40), START, []
+    for _ in range(5):
+        expected, value = em_step(expected, np.asarray(y))
+        likelihoods.append(value)
+    found = sp.em(_model(START), y, method=method, steps=5, tolerance=0.0)
+    np.testing.assert_allclose(found.log_likelihood[:5], likelihoods, rtol=1e-9)
+    model = found.model
+    tol = 1e-7 if "0.01" in str(method) else 1e-9
+    for value, exact in (
+        (model.process_noise.cov, expected.Q),
+        (model.observation_noise.cov, expected.R),
+        (model.initial.mean, expected.m0),
+        (model.initial.cov, expected.P0),
+    ):
+        np.testing.assert_allclose(value, exact, rtol=tol, atol=tol)
+
+
+@pytest.mark.filterwarnings("ignore:em. not converged")
+def test_a_matrix_of_the_dynamics_is_learned_as_the_textbook_does():
+    """By gradient, which for a quadratic ends where the normal equations do."""
+    y, expected = _series(60), TRUE._replace(A=0.5 * np.eye(2))
+
+    def build(theta):
+        model = _model(TRUE)
+        return sp.StateSpaceModel(
+            lambda x, u: theta @ x, model.observation, TRUE.Q, TRUE.R, sp.Gaussian(TRUE.m0, TRUE.P0)
+        )
+
+    for _ in range(4):
+        expected, _ = em_step(expected, np.asarray(y), transition=True)
+    found = sp.em(build, y, theta=sp.real(0.5 * jnp.eye(2), 0.5), method=sp.srcdkf(), steps=4, tolerance=0.0)
+    np.testing.assert_allclose(found.theta, expected.A, atol=1e-4)
+    np.testing.assert_allclose(found.model.process_noise.cov, expected.Q, atol=1e-4)
+
+
+def test_the_likelihood_rises_at_every_step_and_ends_where_its_slope_is_zero():
+    y = _series(80)
+    found = sp.em(_model(START), y, initial=None, steps=3000, tolerance=1e-9, method=sp.srekf())
+    assert found.converged
+    assert (np.diff(found.log_likelihood) > -1e-9 * np.abs(found.log_likelihood[1:])).all()
+
+    def slope(Q, R):
+        return sp.filter(_model(START._replace(Q=Q, R=R)), y, method=sp.srekf()).log_likelihood
+
+    noises = found.model.process_noise.cov, found.model.observation_noise.cov
+    for gradient, cov in zip(jax.grad(slope, argnums=(0, 1))(*noises), noises):
+        assert (jnp.abs(gradient + gradient.T) * cov < 0.02).all()  # log-likelihood for a relative change
+
+
+@pytest.mark.filterwarnings("ignore:em. not converged")
+@pytest.mark.parametrize("structure", [sp.full, sp.diagonal, sp.tied])
+def test_missing_elements_do_not_hinder_and_structures_are_kept(structure):
+    y = _series(100)
+    y = y.at[20:60, 0].set(jnp.nan).at[70:75, 1].set(jnp.nan)
+    found = sp.em(_model(START), y, process_noise=structure, observation_noise=structure, steps=60, tolerance=0.0)
+    assert (np.diff(found.log_likelihood) > -1e-9 * np.abs(found.log_likelihood[1:])).all()
+    for cov in (found.model.process_noise.cov, found.model.observation_noise.cov):
+        np.testing.assert_allclose(structure(cov), cov, rtol=1e-12)
+        assert (np.linalg.eigvalsh(cov) > 0).all()
+
+
+@pytest.mark.filterwarnings("ignore:em. not converged")
+def test_series_of_different_lengths_count_by_their_rows():
+    y = _series(50)
+    once, twice = (sp.em(_model(START), ys, steps=4, tolerance=0.0) for ys in (y, [y, y]))
+    np.testing.assert_allclose(twice.log_likelihood, 2 * once.log_likelihood, rtol=1e-10)
+    np.testing.assert_allclose(twice.model.process_noise.cov, once.model.process_noise.cov, rtol=1e-9)
+    # Rows without a measurement behind the end say nothing of noises that are measured.
+    padded = jnp.concatenate([y[:20], jnp.full((30, 2), jnp.nan)])
+    ragged, filled = (
+        sp.em(_model(START), [y, other], steps=4, tolerance=0.0, process_noise=None) for other in (y[:20], padded)
+    )
+    np.testing.assert_allclose(ragged.model.observation_noise.cov, filled.model.observation_noise.cov, rtol=1e-9)
+
+
+def test_what_is_kept_stays():
+    y = _series(30)
+    found = sp.em(_model(START), y, process_noise=None, initial=None, tolerance=1e-3)
+    np.testing.assert_array_equal(found.model.process_noise.cov, START.Q)
+    np.testing.assert_array_equal(found.model.initial.cov, START.P0)
+
+
+def _pendulum(theta) -> sp.StateSpaceModel:
+    return sp.StateSpaceModel(
+        lambda x, u: jnp.stack([x[0] + 0.1 * x[1], x[1] - 0.1 * theta["k"] * jnp.sin(x[0]) - theta["d"] * x[1]]),
+        lambda x, u: jnp.stack([jnp.sin(x[0]), jnp.cos(x[0])]),
+        jnp.diag(jnp.array([1e-4, 1e-3])),
+        0.04 * jnp.eye(2),
+        sp.Gaussian(jnp.array([1.0, 0.0]), 0.1 * jnp.eye(2)),
+    )
+
+
+@pytest.mark.parametrize("method", [sp.srcdkf(), sp.ekf()])
+def test_a_pendulum_is_identified_and_where_fit_ends_em_does(method):
+    true = {"k": 5.0, "d": 0.02}
+    y = sp.simulate(_pendulum(true), 400, key=2)[1]
+    theta = {"k": sp.positive(3.0, 2.0), "d": sp.positive(0.05, 0.05)}
+    fixed = {"process_noise": None, "observation_noise": None, "initial": None}
+    found = sp.em(_pendulum, y, theta=theta, method=method, steps=300, tolerance=1e-7, **fixed)
+    fitted = sp.fit(_pendulum, theta, y, method=method)
+    std = fitted.estimates.std
+    for name, value in true.items():
+        assert abs(found.theta[name] - value) < 4 * std[name]
+        # EM maximises a bound by Gaussians, fit the filter's likelihood: apart by the approximation.
+        assert abs(found.theta[name] - fitted.theta[name]) < 0.2 * std[name]
+    assert found.log_likelihood.max() > fitted.log_likelihood - 0.1
+
+
+def test_on_a_linear_model_fit_and_em_agree():
+    y = _series(120)
+
+    def build(theta):
+        return _model(START._replace(Q=jnp.diag(theta["q"]), R=theta["r"] * jnp.eye(2)))
+
+    theta = {"q": sp.positive(jnp.ones(2), jnp.ones(2)), "r": sp.positive(1.0, 1.0)}
+    fitted = sp.fit(build, theta, y, method=sp.srekf())
+    learned = sp.em(
+        _model(START), y, process_noise=sp.diagonal, observation_noise=sp.tied, initial=None, method=sp.srekf(),
+        steps=5000, tolerance=1e-11,
+    )  # fmt: skip
+    np.testing.assert_allclose(learned.log_likelihood[-1], fitted.log_likelihood, atol=1e-5)
+    np.testing.assert_allclose(jnp.diagonal(learned.model.process_noise.cov), fitted.theta["q"], rtol=2e-3)
+    np.testing.assert_allclose(learned.model.observation_noise.cov[0, 0], fitted.theta["r"], rtol=2e-3)
+
+
+@pytest.mark.filterwarnings("ignore:em. not converged")
+def test_states_of_any_scale_and_in_32_bits():
+    scale = np.array([1e-9, 1e6])
+    S, inverse = np.diag(scale), np.diag(1 / scale)
+    plain, y = _model(START), _series(40)
+    scaled = sp.StateSpaceModel(
+        lambda x, u: S @ A @ inverse @ x, lambda x, u: H @ inverse @ x, S @ START.Q @ S, START.R,
+        sp.Gaussian(S @ START.m0, S @ START.P0 @ S),
+    )  # fmt: skip
+    one, other = (sp.em(model, y, steps=10, tolerance=0.0) for model in (plain, scaled))
+    np.testing.assert_allclose(
+        inverse @ other.model.process_noise.cov @ inverse, one.model.process_noise.cov, rtol=1e-8
+    )
+    short = jax.tree.map(lambda a: jnp.asarray(a, jnp.float32) if isinstance(a, jax.Array) else a, START)
+    single = sp.StateSpaceModel(
+        lambda x, u: jnp.asarray(A, jnp.float32) @ x, lambda x, u: jnp.asarray(H, jnp.float32) @ x,
+        jnp.asarray(short.Q, jnp.float32), jnp.asarray(short.R, jnp.float32),
+        sp.Gaussian(jnp.zeros(2, jnp.float32), jnp.eye(2, dtype=jnp.float32)),
+    )  # fmt: skip
+    low = sp.em(single, y.astype(jnp.float32), steps=10, tolerance=0.0)
+    np.testing.assert_allclose(low.model.process_noise.cov, one.model.process_noise.cov, rtol=1e-3, atol=1e-3)
+
+
+def test_what_cannot_be_learned_so_is_said():
+    model, y = _model(START), _series(10)
+    with pytest.raises(ValueError, match="nothing is left to learn"):
+        sp.em(model, y, process_noise=None, observation_noise=None, initial=None)
+    with pytest.raises(ValueError, match="every element is NaN"):
+        sp.em(model, jnp.full((4, 2), jnp.nan))
+    with pytest.raises(ValueError, match="model must be a sp.StateSpaceModel"):
+        sp.em(lambda theta: model, y)
+    inside = sp.StateSpaceModel(
+        lambda x, u, w: A @ x + w, model.observation, sp.NonAdditive(START.Q), START.R, model.initial
+    )
+    with pytest.raises(ValueError, match="process_noise of the model is not additive"):
+        sp.em(inside, y)
+    changing = sp.StateSpaceModel(
+        model.dynamics, model.observation, np.tile(START.Q, (10, 1, 1)), START.R, model.initial
+    )
+    with pytest.raises(ValueError, match="changes with time"):
+        sp.em(changing, y)
+    with pytest.raises(ValueError, match="steps must be a whole number"):
+        sp.em(model, y, steps=0)
+    with pytest.warns(UserWarning, match="not converged in 1 steps"):
+        sp.em(model, y, steps=1)
