@@ -117,13 +117,17 @@ def _pendulum(theta) -> sp.StateSpaceModel:
     )
 
 
-@pytest.mark.parametrize("method", [sp.srcdkf(), sp.ekf()])
-def test_a_pendulum_is_identified_and_where_fit_ends_em_does(method):
+def _swing(method, **settings):
     true = {"k": 5.0, "d": 0.02}
     y = sp.simulate(_pendulum(true), 400, key=2)[1]
     theta = {"k": sp.positive(3.0, 2.0), "d": sp.positive(0.05, 0.05)}
     fixed = {"process_noise": None, "observation_noise": None, "initial": None}
-    found = sp.em(_pendulum, y, theta=theta, method=method, steps=300, tolerance=1e-7, **fixed)
+    return true, y, theta, sp.em(_pendulum, y, theta=theta, method=method, **fixed, **settings)
+
+
+def test_a_pendulum_is_identified_and_where_fit_ends_em_does():
+    method = sp.srcdkf()
+    true, y, theta, found = _swing(method, steps=300, tolerance=1e-7)
     fitted = sp.fit(_pendulum, theta, y, method=method)
     std = fitted.estimates.std
     for name, value in true.items():
@@ -131,6 +135,16 @@ def test_a_pendulum_is_identified_and_where_fit_ends_em_does(method):
         # EM maximises a bound by Gaussians, fit the filter's likelihood: apart by the approximation.
         assert abs(found.theta[name] - fitted.theta[name]) < 0.2 * std[name]
     assert found.log_likelihood.max() > fitted.log_likelihood - 0.1
+
+
+def test_where_the_approximation_ends_the_best_model_is_returned_with_a_warning():
+    with pytest.warns(UserWarning, match="the log-likelihood fell from"):
+        true, y, _, found = _swing(sp.ekf(), tolerance=0.0)
+    assert not found.converged
+    assert found.log_likelihood[-1] < found.log_likelihood[-2] == found.log_likelihood.max()
+    again = sp.filter(found.model, y, method=sp.ekf()).log_likelihood
+    np.testing.assert_allclose(again, found.log_likelihood.max(), rtol=1e-9)
+    assert abs(found.theta["k"] - true["k"]) < 0.1 * true["k"]
 
 
 def test_on_a_linear_model_fit_and_em_agree():
