@@ -154,7 +154,7 @@ def fit(
     if not 0 <= weight < np.inf:
         raise ValueError(f"prior must be 0 (maximum likelihood), 1 (maximum a posteriori) or above, got {prior}")
     posterior = log_posterior(build, theta, y, u, method)
-    posterior = eqx.tree_at(lambda p: p.weight, posterior, weight)
+    posterior = eqx.tree_at(lambda p: p.weight, posterior, weight * posterior.weight)
     if not posterior.measured:
         raise ValueError("y has no measurements: every element is NaN")
     try:

@@ -42,7 +42,7 @@ class LogPosterior(eqx.Module):
     lengths: Int[Array, " S"] | None
     """of the series, where they differ"""
     method: Method
-    weight: float = 1.0
+    weight: Float[Array, ""]
     """of the prior"""
 
     # Compiled also where nobody asks for it: a model made of known numbers would refuse those that are no use.
@@ -162,7 +162,8 @@ def log_posterior(
     real = np.arange(T) < rows.lengths[:, None]
     filled = jnp.where(real[..., None], flat_y[held], jnp.nan).astype(flat_y.dtype)
     lengths = None if real.all() else jnp.asarray(rows.lengths)
-    return LogPosterior(build, unknowns, filled, jax.tree.map(lambda a: a[held], flat_u), lengths, method)
+    one = jnp.ones((), unknowns.prior.mean.dtype)
+    return LogPosterior(build, unknowns, filled, jax.tree.map(lambda a: a[held], flat_u), lengths, method, one)
 
 
 def _single(model: StateSpaceModel, y: Any, u: Any) -> Ragged:
