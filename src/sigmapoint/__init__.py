@@ -66,8 +66,8 @@ def __getattr__(name: str) -> Any:
 __all__ = [
     "Additive",
     "Comparison",
-    "FilterState",
     "Estimates",
+    "FilterState",
     "Fit",
     "Gaussian",
     "History",

@@ -14,7 +14,11 @@ METHOD = sp.srekf()
 def model(theta):
     start = sp.Gaussian(jnp.zeros(1), jnp.eye(1))
     return sp.StateSpaceModel(
-        lambda x, u: 0.9 * x + u["push"], lambda x, u: jnp.sin(x), theta["q"] * jnp.eye(1), theta["r"] * jnp.eye(1), start
+        lambda x, u: 0.9 * x + u["push"],
+        lambda x, u: jnp.sin(x),
+        theta["q"] * jnp.eye(1),
+        theta["r"] * jnp.eye(1),
+        start,
     )
 
 
@@ -32,7 +36,7 @@ def test_series_are_independent():
     density = sp.log_posterior(model, THETA, Y, U, METHOD)
     theta = density.theta(Z)
     each = [sp.filter(model(theta), y, u, METHOD).log_likelihood for y, u in zip(Y, U)]
-    assert density.log_likelihood(Z) == pytest.approx(sum(each), rel=1e-12)
+    assert density.log_likelihood(Z) == pytest.approx(float(sum(each)), rel=1e-12)
     assert density.measured == 21
 
 
@@ -50,9 +54,9 @@ def test_jit_grad_hessian_and_vmap_agree(density):
     many = jnp.stack([Z, -Z])
     np.testing.assert_allclose(jax.jit(jax.vmap(jax.grad(density)))(many)[0], slope, rtol=1e-12)
     np.testing.assert_allclose(jax.vmap(density)(many), [jax.jit(density)(z) for z in many], rtol=1e-12)
-    hessian = jax.hessian(density)(Z)
-    bent = [(jax.grad(density)(Z + h * e) - jax.grad(density)(Z - h * e)) / (2 * h) for e in jnp.eye(2)]
-    np.testing.assert_allclose(hessian, bent, rtol=1e-7)
+    grad = jax.jit(jax.grad(density))
+    bent = [(grad(Z + h * e) - grad(Z - h * e)) / (2 * h) for e in jnp.eye(2)]
+    np.testing.assert_allclose(jax.hessian(density)(Z), bent, rtol=1e-7)
 
 
 @pytest.mark.parametrize("z", [[1e4, 0.0], [0.0, jnp.nan]])
@@ -77,7 +81,6 @@ def no_model(theta):
     ("build", "theta", "y", "more", "said"),
     [
         (model, {}, Y[0], {}, "theta has no unknown parameters"),
-        (None, THETA, Y[0], {}, "build must be a function of theta, got NoneType"),
         (no_model, 1.0, Y[0], {}, r"build\(theta\) must be a sp.StateSpaceModel"),
         (model, THETA, Y[0][:, 0], {}, r"y must be \(T, m\).*pass y\[:, None\]"),
         (model, THETA, [], {}, "y is an empty list"),
@@ -85,9 +88,7 @@ def no_model(theta):
         (model, THETA, Y[0], {"u": U[1]}, r"u\['push'\] must have one row for each of the 9 rows of y"),
         (model, THETA, Y[0] + np.inf, {"u": U[0]}, "y has infinite values"),
         (model, THETA, Y[0] + np.nan, {"u": U[0]}, "y has no measurements"),
-        (model, THETA, Y[0], {"u": U[0], "method": sp.ukf}, r"method must be a sp.Method.*sp.ukf\(\)"),
-        (model, THETA, Y[0], {"u": U[0], "prior": -1}, "prior must be 0"),
-        (model, THETA, Y[0], {"u": U[0], "prior": "yes"}, "prior must be a number"),
+        (model, THETA, Y[0], {"u": U[0], "prior": -1.0}, "prior must be 0"),
         (model, THETA, Y[0], {"u": U[0], "steps": 0}, "steps must be a whole number of at least 1"),
         (boxed, sp.positive(1.0, 1.0), Y[0], {}, "blackbox has no derivative, which fit needs: use sp.em .* sp.joint"),
         (
@@ -105,13 +106,10 @@ def test_wrong_input_is_named(build, theta, y, more, said):
 
 
 def test_a_start_without_a_likelihood_is_named():
-    def cliff(theta):
-        return model({"q": jnp.log(theta), "r": 1.0})  # of a negative number
+    start = sp.Gaussian(jnp.zeros(1), jnp.eye(1))
 
-    theta = sp.real(0.5, 0.1)
-    with pytest.raises(ValueError, match="not finite at the start"):
-        sp.fit(lambda theta: jax.lax.cond(True, cliff_or(cliff), cliff_or(cliff), theta), theta, Y[0], U[0], METHOD)
+    def undefined(theta):
+        return sp.StateSpaceModel(lambda x, u: jnp.log(-theta) * x, lambda x, u: x, jnp.eye(1), jnp.eye(1), start)
 
-
-def cliff_or(build):
-    return build
+    with pytest.raises(ValueError, match="not finite at the start, the centre of theta"):
+        sp.fit(undefined, sp.real(0.5, 0.1), Y[0], method=METHOD)

@@ -7,7 +7,7 @@ Source: Pawitan, "In All Likelihood" (2001), section 3.4.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -45,7 +45,7 @@ def plot_profiles(profiles: Sequence[Profile]) -> np.ndarray:
     """
     plt = checks.extra("matplotlib.pyplot", "plot_profiles")
     size = (0.8 + 2.6 * len(profiles), 2.6)
-    figure, axes = plt.subplots(1, len(profiles), sharey=True, squeeze=False, figsize=size, layout="constrained")
+    _, axes = plt.subplots(1, len(profiles), sharey=True, squeeze=False, figsize=size, layout="constrained")
     for profile, ax in zip(profiles, axes[0]):
         ax.plot(profile.value, profile.log_likelihood - profile.best, lw=1.3)
         ax.axhline(-(BAR**2) / 2, ls="--", color="0.35", lw=1.1)
