@@ -30,8 +30,9 @@ from sigmapoint.step import LOG_2PI, Filter
 class LogPosterior(eqx.Module):
     """The logarithm of the density of z, up to a constant; made by `log_posterior`.
 
-    Under `jax.jit`, `jax.grad`, `jax.hessian` and `jax.vmap` it is one program, compiled once for each `build`. Where the value or a derivative is not
-    finite it is -inf with a gradient of zero: a sampler rejects that, and a line search steps back.
+    Under `jax.jit`, `jax.grad`, `jax.hessian` and `jax.vmap` it is one program, compiled once for each `build` (and
+    without them, too). Where the value or a derivative is not finite it is -inf with a gradient of zero: a sampler
+    rejects that, and a line search steps back. Derivatives go backward first: for `jax.jvp`, take `log_likelihood`.
     """
 
     build: Callable[[Any], StateSpaceModel]

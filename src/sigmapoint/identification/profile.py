@@ -29,7 +29,7 @@ class Profile(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Where the log-likelihood is 2 below the best: of a Gaussian, two deviations; NaN where that is not reached."""
+        """Where the log-likelihood is 2 below the best: two deviations of a Gaussian; NaN where it is not."""
         fall = np.sqrt(2 * np.maximum(self.best - self.log_likelihood, 0.0))
         peak = int(np.argmin(fall))
         side = np.where(np.arange(len(fall)) < peak, -1.0, 1.0)
