@@ -14,6 +14,7 @@ def test_importing_the_core_imports_no_extra():
     code = (
         "import sys, sigmapoint; "
         "extras = {'pandas', 'plotly', 'matplotlib', 'scipy.stats', 'typer', 'rich', 'xarray', 'pyarrow'}; "
+        "extras |= {'optimistix'}; "
         "extra = extras & set(sys.modules); "
         "assert not extra, extra"
     )
@@ -22,7 +23,7 @@ def test_importing_the_core_imports_no_extra():
 
 WITHOUT = """
 import sys
-sys.modules.update({{"plotly": None, "pandas": None}})
+sys.modules.update({{"plotly": None, "pandas": None, "optimistix": None}})
 import matplotlib, jax.numpy as jnp, sigmapoint as sp
 matplotlib.use("Agg")
 one = jnp.eye(1)
@@ -37,6 +38,10 @@ post = sp.filter(model, jnp.ones((3, 1)))
     [
         ("sp.report(post, 'report.html')", "ImportError: report needs plotly: pip install sigmapoint[cli]"),
         ("post.to_frame()", "ImportError: to_frame needs pandas: pip install sigmapoint[cli]"),
+        (
+            "sp.fit(lambda theta: model, 1.0, jnp.ones((3, 1)))",
+            "ImportError: fit needs optimistix: pip install sigmapoint[fit]",
+        ),
         ("post.plot()", ""),
     ],
 )

@@ -57,7 +57,7 @@ class Curvature(NamedTuple):
         return self.vectors @ (self._inverse * self._along(gradient)) / self.scale
 
     def distance(self, gradient: Float[Array, " L"]) -> Float[Array, ""]:
-        """To the minimum, in standard deviations: √(gᵀ H⁻¹ g); along an open direction, the slope over one of the prior."""
+        """To the minimum, in standard deviations: √(gᵀ H⁻¹ g); along an open direction, the slope there."""
         along = self._along(gradient)
         return jnp.sqrt(jnp.sum(along**2 * jnp.where(self.clear, self._inverse, WIDE**-2)))
 

@@ -19,7 +19,6 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks
 from sigmapoint.blackbox import NoDerivative
-from sigmapoint.identification.curvature import Curvature
 from sigmapoint.identification.joint import built
 from sigmapoint.identification.likelihood import LogPosterior, log_posterior
 from sigmapoint.identification.profile import Profile, plot_profiles
@@ -29,8 +28,6 @@ from sigmapoint.model import StateSpaceModel
 
 NEAR = 0.01
 """Standard deviations from the optimum at which a search has arrived."""
-REACH = 3.0
-"""Standard deviations to either side that a profile goes."""
 
 
 class ModelFit(eqx.Module):
@@ -79,10 +76,12 @@ class ModelFit(eqx.Module):
         Raises:
             ValueError: an unknown name, less than three points.
         """
+        from sigmapoint.identification.optimum import profiled
+
         if name not in self.names:
             raise ValueError(f"profile: name must be one of {', '.join(self.names)}, got {name!r}")
         points = checks.whole("profile: points", points, 3)
-        z, density = _profile(self.posterior, self.z, self.z_cov, jnp.asarray(self.names.index(name)), points)
+        z, density = profiled(self.posterior, self.z, self.z_cov, jnp.asarray(self.names.index(name)), points)
         value = np.asarray(jax.vmap(self.posterior.unknowns.values)(z))[:, self.names.index(name)]
         return Profile(name, value, np.asarray(density), float(self.posterior(self.z)))
 
@@ -149,16 +148,17 @@ def fit(
         >>> bool(found.estimates.low["q"] < 0.5 < found.estimates.high["q"]), found.converged
         (True, True)
     """
-    checks.extra("optimistix", "fit", "fit")
+    from sigmapoint.identification.optimum import fitted
+
     weight, steps = checks.number("prior", prior), checks.whole("steps", steps, 1)
     if not 0 <= weight < np.inf:
         raise ValueError(f"prior must be 0 (maximum likelihood), 1 (maximum a posteriori) or above, got {prior}")
     posterior = log_posterior(build, theta, y, u, method)
-    posterior = eqx.tree_at(lambda p: p.weight, posterior, weight)
+    posterior = eqx.tree_at(lambda p: p.weight, posterior, weight * posterior.weight)
     if not posterior.measured:
         raise ValueError("y has no measurements: every element is NaN")
     try:
-        z, cov, log_likelihood, distance, taken = _fitted(posterior, steps)
+        z, cov, log_likelihood, distance, taken = fitted(posterior, steps)
     except NoDerivative as error:
         raise ValueError(
             "fit: a blackbox has no derivative, which fit needs: use sp.em for its noises or sp.joint for its "
@@ -188,51 +188,3 @@ def _warn(found: ModelFit, distance: float, steps: int) -> None:
             f"give steps more than {steps}, or theta centres that are closer and deviations as large as they are off",
             stacklevel=3,
         )
-
-
-def _scaled(posterior: LogPosterior) -> tuple[Callable[[Array], Array], Array]:
-    """The negative log-density of s = (z - m) / d, in the accuracy of the model, and d, the prior deviations."""
-    d, dtype = jnp.sqrt(jnp.diagonal(posterior.unknowns.prior.cov)), posterior.y.dtype
-    return lambda s: -posterior(posterior.start + d * s.astype(d.dtype)).astype(dtype), d
-
-
-@eqx.filter_jit
-def _fitted(posterior: LogPosterior, steps: int) -> tuple[Array, Array, Array, Array, Array]:
-    """z, its covariance, the log-likelihood, what is left to go [standard deviations] and the steps taken."""
-    from sigmapoint.identification.search import minimum
-
-    f, d = _scaled(posterior)
-    found = minimum(f, jnp.zeros(d.shape, posterior.y.dtype), _count(posterior), steps)
-    curvature = Curvature.of(found.hessian)
-    z = posterior.start + d * found.s.astype(d.dtype)
-    cov = curvature.cov.astype(d.dtype) * (d[:, None] * d[None, :])
-    log_likelihood = jnp.where(jnp.isfinite(found.value), posterior.log_likelihood(z), -jnp.inf)
-    return z, cov, log_likelihood, curvature.distance(found.gradient), found.steps
-
-
-def _count(posterior: LogPosterior) -> Array:
-    return jnp.sum(~jnp.isnan(posterior.y), dtype=posterior.y.dtype)
-
-
-@eqx.filter_jit
-def _profile(posterior: LogPosterior, z: Array, cov: Array, i: Array, points: int) -> tuple[Array, Array]:
-    """z along its element i, and the log-density there, both (points, ...)."""
-    from sigmapoint.identification.search import bfgs
-
-    f, d = _scaled(posterior)
-    at = (z - posterior.start) / d
-    scaled = cov / (d[:, None] * d[None, :])
-    std = jnp.sqrt(scaled[i, i])
-    slope = jnp.nan_to_num(scaled[:, i] / scaled[i, i]).at[i].set(1.0)
-    reach = REACH * jnp.where(jnp.isfinite(std), std, 1.0)
-
-    def one(step: Array) -> tuple[Array, Array]:
-        start = (at + slope * step).astype(posterior.y.dtype)
-
-        def held(others: Array) -> Array:
-            return f(others.at[i].set(start[i]))
-
-        best = bfgs(held, start, _count(posterior), 100)[0]
-        return posterior.start + d * best.at[i].set(start[i]).astype(d.dtype), -held(best)
-
-    return jax.lax.map(one, jnp.linspace(-reach, reach, points))

@@ -30,8 +30,9 @@ from sigmapoint.step import LOG_2PI, Filter
 class LogPosterior(eqx.Module):
     """The logarithm of the density of z, up to a constant; made by `log_posterior`.
 
-    Under `jax.jit`, `jax.grad`, `jax.hessian` and `jax.vmap` it is one program, compiled once for each `build`. Where the value or a derivative is not
-    finite it is -inf with a gradient of zero: a sampler rejects that, and a line search steps back.
+    Under `jax.jit`, `jax.grad`, `jax.hessian` and `jax.vmap` it is one program, compiled once for each `build` (and
+    without them, too). Where the value or a derivative is not finite it is -inf with a gradient of zero: a sampler
+    rejects that, and a line search steps back. Derivatives go backward first: for `jax.jvp`, take `log_likelihood`.
     """
 
     build: Callable[[Any], StateSpaceModel]
@@ -42,7 +43,7 @@ class LogPosterior(eqx.Module):
     lengths: Int[Array, " S"] | None
     """of the series, where they differ"""
     method: Method
-    weight: float = 1.0
+    weight: Float[Array, ""]
     """of the prior"""
 
     # Compiled also where nobody asks for it: a model made of known numbers would refuse those that are no use.
@@ -162,7 +163,8 @@ def log_posterior(
     real = np.arange(T) < rows.lengths[:, None]
     filled = jnp.where(real[..., None], flat_y[held], jnp.nan).astype(flat_y.dtype)
     lengths = None if real.all() else jnp.asarray(rows.lengths)
-    return LogPosterior(build, unknowns, filled, jax.tree.map(lambda a: a[held], flat_u), lengths, method)
+    one = jnp.ones((), unknowns.prior.mean.dtype)
+    return LogPosterior(build, unknowns, filled, jax.tree.map(lambda a: a[held], flat_u), lengths, method, one)
 
 
 def _single(model: StateSpaceModel, y: Any, u: Any) -> Ragged:

@@ -29,7 +29,7 @@ class Profile(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Where the log-likelihood is 2 below the best: of a Gaussian, two deviations; NaN where that is not reached."""
+        """Where the log-likelihood is 2 below the best: two deviations of a Gaussian; NaN where it is not."""
         fall = np.sqrt(2 * np.maximum(self.best - self.log_likelihood, 0.0))
         peak = int(np.argmin(fall))
         side = np.where(np.arange(len(fall)) < peak, -1.0, 1.0)
@@ -45,7 +45,7 @@ def plot_profiles(profiles: Sequence[Profile]) -> np.ndarray:
     """
     plt = checks.extra("matplotlib.pyplot", "plot_profiles")
     size = (0.8 + 2.6 * len(profiles), 2.6)
-    figure, axes = plt.subplots(1, len(profiles), sharey=True, squeeze=False, figsize=size, layout="constrained")
+    _, axes = plt.subplots(1, len(profiles), sharey=True, squeeze=False, figsize=size, layout="constrained")
     for profile, ax in zip(profiles, axes[0]):
         ax.plot(profile.value, profile.log_likelihood - profile.best, lw=1.3)
         ax.axhline(-(BAR**2) / 2, ls="--", color="0.35", lw=1.1)

@@ -6,8 +6,8 @@
 BFGS needs no Hessian where that says little; near the minimum Newton's steps cost one each and square the error. What
 is left is measured in standard deviations, √(gᵀ H⁻¹ g).
 
-Source: Nocedal & Wright, "Numerical Optimization" (2006), algorithm 6.1; allowance for round-off: Hager & Zhang, SIAM J.
-Optim. 16 (2005) 170, section 4.
+Source: Nocedal & Wright, "Numerical Optimization" (2006), algorithm 6.1; allowance for round-off: Hager & Zhang, SIAM
+J. Optim. 16 (2005) 170, section 4.
 """
 
 from collections.abc import Callable
