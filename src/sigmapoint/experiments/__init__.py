@@ -49,6 +49,11 @@ _ALL = (
         "pendulum-parameters", "lengths and masses of a pendulum from its falls", _lazily("pendulum_parameters")
     ),
     Experiment("rosenbrock", "a curved valley: filters beside Levenberg-Marquardt and BFGS", _lazily("rosenbrock")),
+    Experiment("modes", "natural frequencies of two masses, estimated with their motion", _lazily("modes")),
+    Experiment(
+        "pendulum-adaptive", "a pendulum held upright while its masses are learned", _lazily("pendulum_adaptive")
+    ),
+    Experiment("battery-joint", "capacity and resistance of a real cell, with bars", _lazily("battery_joint")),
 )
 
 EXPERIMENTS: dict[str, Experiment] = {experiment.name: experiment for experiment in _ALL}

@@ -148,7 +148,7 @@ def _part(
         noise = getattr(model(z), name)
         return noise.mean, noise.cov
 
-    if not any(bool((np.asarray(a) != 0).any()) for a in jax.tree.leaves(jax.jacfwd(numbers)(z0))):
+    if not _depends(numbers, z0):
         return Part(lambda m, *args: function(m)(*args), type(noise), noise.mean, noise.cov)
     if noise.cov.ndim == 3:
         raise ValueError(f"joint: {name} depends on theta and on time; keep one of the two out of build")
@@ -159,6 +159,16 @@ def _part(
 
     q = noise.cov.shape[-1]
     return Part(through, NonAdditive, jnp.zeros(q, noise.cov.dtype), jnp.eye(q, dtype=noise.cov.dtype))
+
+
+def _depends(function: Callable[[Array], Any], z: Array) -> bool:
+    """Whether `z` enters: as the program is written, so that it can be asked while JAX traces."""
+    program = jax.make_jaxpr(function)(z).jaxpr
+    reached = {id(v) for v in program.invars}
+    for line in program.eqns:
+        if not reached.isdisjoint(map(id, line.invars)):
+            reached.update(map(id, line.outvars))
+    return not reached.isdisjoint(map(id, program.outvars))
 
 
 def _covariances(drift: Any, L: int, dtype: Any) -> Float[Array, "*K L L"]:

@@ -73,8 +73,8 @@ def identify(logs: Sequence[Log], temperature: float) -> Cell:
     """Identify the cell at one temperature from runs at other temperatures.
 
     Args:
-        logs: at least two runs at different temperatures, each with a discharge to 3.0 V, a full charge and a discharge
-            to 3.0 V at 10 A (the bundled runs at 10 and 40 °C; that at 25 °C starts after the first discharge).
+        logs: at least two runs at different temperatures, each with a full charge and a discharge to 3.0 V at 10 A, and
+            one of them at least (not the bundled one at 25 °C) with a discharge to 3.0 V before that: for the efficiency.
         temperature: [°C] where the parameters are wanted.
 
     Returns:
@@ -91,7 +91,7 @@ def identify(logs: Sequence[Log], temperature: float) -> Cell:
     measured = [log.temperature for log in logs]
     if len(set(measured)) < 2:
         raise ValueError(f"logs: need runs at two or more temperatures, got {measured} °C")
-    efficiency = float(np.mean([charge_efficiency(log) for log in logs]))
+    efficiency = float(np.nanmean([charge_efficiency(log) for log in logs]))
     runs = [prepare(log, efficiency) for log in logs]
     solved = fit(runs)
 

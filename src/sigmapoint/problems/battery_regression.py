@@ -53,8 +53,13 @@ class Fit(NamedTuple):
 
 
 def charge_efficiency(log: Log) -> float:
-    """Charge out over charge in, from the 3.0 V cut-off before the full charge to the one at the end."""
+    """Charge out over charge in, from the 3.0 V cut-off before the full charge to the one at the end.
+
+    NaN where the log starts later than that cut-off.
+    """
     u, first = inputs(log), int(np.flatnonzero(log.step == FULL_CHARGE)[0])
+    if not first:
+        return np.nan
     moved = (u["held"] * u["dt"])[first - 1 :]
     return float(-moved[moved < 0].sum() / moved[moved > 0].sum())
 
@@ -70,7 +75,7 @@ def prepare(log: Log, efficiency: float) -> Run:
     capacity = float(1 - reference_soc(log, 1.0, efficiency)[-1])
     soc = reference_soc(log, capacity, efficiency)
     weight = np.sqrt(np.maximum(u["dt"], 0.1))
-    weight[: first - 1] = 0.0  # the cell's history before the log is unknown
+    weight[: max(first - 1, 0)] = 0.0  # the cell's history before the log is unknown
     basis = BSpline.design_matrix(np.clip(soc, KNOTS[0], np.nextafter(KNOTS[-1], 0)), _extended(KNOTS), 3).toarray()
     return Run(log, u, efficiency, capacity, soc, weight, basis)
 
