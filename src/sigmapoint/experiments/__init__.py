@@ -49,6 +49,7 @@ _ALL = (
         "pendulum-parameters", "lengths and masses of a pendulum from its falls", _lazily("pendulum_parameters")
     ),
     Experiment("rosenbrock", "a curved valley: filters beside Levenberg-Marquardt and BFGS", _lazily("rosenbrock")),
+    Experiment("smoother", "two-filter smoothers of noisy series, with networks backward", _lazily("smoother")),
     Experiment("modes", "natural frequencies of two masses, estimated with their motion", _lazily("modes")),
     Experiment(
         "pendulum-adaptive", "a pendulum held upright while its masses are learned", _lazily("pendulum_adaptive")
