@@ -18,8 +18,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sigmapoint import checks
-from sigmapoint.batching import Ragged, concatenated, of_each
-from sigmapoint.filtering import fitting, scan, series_of
+from sigmapoint.batching import of_each, stacked
+from sigmapoint.filtering import fitting, scan
 from sigmapoint.identification.joint import built
 from sigmapoint.identification.unknowns import Unknowns
 from sigmapoint.methods import Method
@@ -156,20 +156,9 @@ def log_posterior(
     _regular(unknowns)
     model = built(build, unknowns.tree(unknowns.prior.mean))
     method = fitting(model, method)
-    rows = concatenated(y, u) if isinstance(y, list | tuple) else _single(model, y, u)
-    T = int(rows.lengths.max())
-    flat_y, flat_u = series_of(model, rows.y, rows.u, T)
-    held = rows.held(np.arange(len(rows.lengths)), T)
-    real = np.arange(T) < rows.lengths[:, None]
-    filled = jnp.where(real[..., None], flat_y[held], jnp.nan).astype(flat_y.dtype)
-    lengths = None if real.all() else jnp.asarray(rows.lengths)
-    one = jnp.ones((), unknowns.prior.mean.dtype)
-    return LogPosterior(build, unknowns, filled, jax.tree.map(lambda a: a[held], flat_u), lengths, method, one)
-
-
-def _single(model: StateSpaceModel, y: Any, u: Any) -> Ragged:
-    y, u = series_of(model, y, u)
-    return Ragged(y, u, np.zeros(1, int), np.array([y.shape[0]]))
+    y, u, lengths = stacked(model, y, u)
+    differ = lengths.min() < lengths.max()
+    return LogPosterior(build, unknowns, y, u, jnp.asarray(lengths) if differ else None, method, one)
 
 
 def _regular(unknowns: Unknowns) -> None:
