@@ -8,6 +8,8 @@ from sigmapoint.blackbox import blackbox
 from sigmapoint.comparison import Comparison, compare
 from sigmapoint.diagnostics import diagnose
 from sigmapoint.filtering import filter
+from sigmapoint.identification.costs import maximum_likelihood, prediction_error
+from sigmapoint.identification.dual import Dual, DualResult, DualState, dual
 from sigmapoint.identification.joint import joint
 from sigmapoint.identification.unknowns import Estimates, Unknown, bounded, estimates, positive, real
 from sigmapoint.learning.drift import annealed, fixed, forgetting, on_diagonal, robbins_monro
@@ -64,8 +66,11 @@ def __getattr__(name: str) -> Any:
 __all__ = [
     "Additive",
     "Comparison",
-    "FilterState",
+    "Dual",
+    "DualResult",
+    "DualState",
     "Estimates",
+    "FilterState",
     "Fit",
     "Gaussian",
     "History",
@@ -94,6 +99,7 @@ __all__ = [
     "compare",
     "cross_entropy",
     "diagnose",
+    "dual",
     "ekf",
     "estimates",
     "extended_set",
@@ -109,9 +115,11 @@ __all__ = [
     "learned_noise",
     "learner",
     "load",
+    "maximum_likelihood",
     "on_diagonal",
     "online",
     "positive",
+    "prediction_error",
     "real",
     "recurrent",
     "report",
