@@ -12,10 +12,7 @@ from sigmapoint.step import Filter
 T = 60
 STATE_METHODS = {
     "ekf": sp.ekf(),
-    "srekf": sp.srekf(),
-    "ukf": sp.ukf(),
     "srukf": sp.srukf(),
-    "srcdkf": sp.srcdkf(),
     "iterated": sp.iterated(sp.srckf(), 3),
 }
 COSTS = {
@@ -69,12 +66,13 @@ def test_known_parameters_leave_the_plain_state_filter(method):
         np.testing.assert_allclose(getattr(post, name), getattr(plain, name), rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("parameter_method", [sp.ekf(), sp.srukf(alpha=1e-3)], ids=["ekf", "srukf"])
-@pytest.mark.parametrize("state_method", [sp.ekf(), sp.srcdkf()], ids=["ekf", "srcdkf"])
+@pytest.mark.parametrize(
+    ("state_method", "parameter_method"), [(sp.ekf(), sp.ekf()), (sp.ekf(), sp.srukf())], ids=["ekf", "points"]
+)
 def test_memory_slope_is_the_derivative_through_the_whole_filter(state_method, parameter_method):
     y, u = series(25)
     z = jnp.array([0.8, 0.1])
-    narrow = sp.Gaussian(z, 1e-14 * jnp.eye(2))  # so well known that they stay where they are
+    narrow = sp.Gaussian(z, 1e-12 * jnp.eye(2))  # so well known that they stay where they are
     found = sp.dual(from_vector, narrow, state_method=state_method, parameter_method=parameter_method).filter(y, u)
 
     def last(z):
@@ -89,9 +87,7 @@ def test_memory_slope_is_the_derivative_through_the_whole_filter(state_method, p
     np.testing.assert_allclose(grown + grown.swapaxes(0, 1), cov, rtol=1e-5, atol=1e-7)
 
 
-@pytest.mark.parametrize(
-    "parameter_method", [sp.ekf(), sp.srekf(), sp.ukf(), sp.srcdkf()], ids=["ekf", "srekf", "ukf", "cd"]
-)
+@pytest.mark.parametrize("parameter_method", [sp.ekf(), sp.ukf()], ids=["ekf", "ukf"])
 def test_linear_parameters_have_the_exact_joint_posterior(parameter_method):
     u = jnp.sin(jnp.arange(float(T)) / 3.0)
     _, y = sp.simulate(linear(0.7, 0.4), T, u=u, key=jax.random.key(1))
@@ -133,10 +129,10 @@ def test_half_the_squared_errors_are_minus_the_log_likelihood():
         present = jax.lax.stop_gradient(Seen.of(run.update(run.predict(run.init(), u[0]), y, u[1])[1]))
         return 0.5 * jnp.sum(cell.cost.errors(Seen.of(info), present) ** 2), -info.log_likelihood
 
+    gradients = jax.jit(jax.jacfwd(both))
     for row in y:  # one of them lacks an element
-        half, exact = jax.jacfwd(both)(jnp.array([0.3, -0.4]), row)
-        np.testing.assert_allclose(half, exact, rtol=1e-10)
-    np.testing.assert_array_equal(jax.jacfwd(both)(jnp.zeros(2), jnp.full(2, jnp.nan))[0], 0)
+        np.testing.assert_allclose(*gradients(jnp.array([0.3, -0.4]), row), rtol=1e-10)
+    np.testing.assert_array_equal(gradients(jnp.zeros(2), jnp.full(2, jnp.nan))[0], 0)
 
 
 def test_errors_of_the_likelihood_are_it_away_from_the_present_too_and_go_on_smoothly():
@@ -154,8 +150,7 @@ def test_errors_of_the_likelihood_are_it_away_from_the_present_too_and_go_on_smo
     np.testing.assert_allclose(small[1], small[2], atol=0.01)
 
 
-@pytest.mark.parametrize("state_method", [sp.ekf(), sp.srukf()], ids=["ekf", "srukf"])
-def test_likelihood_learns_how_large_a_process_noise_is(state_method):
+def test_likelihood_learns_how_large_a_process_noise_is():
     def model(theta):
         return sp.StateSpaceModel(
             lambda x, u: theta["a"] * x, lambda x, u: x, theta["q"] * jnp.eye(1), 0.1 * jnp.eye(1),
@@ -164,13 +159,13 @@ def test_likelihood_learns_how_large_a_process_noise_is(state_method):
 
     _, y = sp.simulate(model({"a": 0.9, "q": 0.3}), 1000, key=jax.random.key(3))
     theta = {"a": sp.real(0.6, 0.2), "q": sp.positive(1.5, 1.5)}
-    found = sp.dual(model, theta, state_method=state_method, cost=sp.maximum_likelihood()).filter(y).theta
+    found = sp.dual(model, theta, cost=sp.maximum_likelihood()).filter(y).theta
     for name, truth in (("a", 0.9), ("q", 0.3)):
         assert abs(found.value[name][-1] - truth) < 3 * found.std[name][-1]
     assert found.std["q"][-1] < 0.05
 
 
-@pytest.mark.parametrize("cost", COSTS.values(), ids=COSTS)
+@pytest.mark.parametrize("cost", [COSTS["learned"], COSTS["likelihood"]], ids=["learned", "likelihood"])
 def test_online_is_the_same_as_over_a_series(cost):
     y, u = series(20)
     both = sp.dual(build, THETA, drift=sp.annealed(1e-3, 0.9), cost=cost)
@@ -198,18 +193,19 @@ def test_epochs_go_on_with_the_parameters_and_begin_with_the_state():
     assert sp.diagnose(two.post)
 
 
-def test_nothing_is_compiled_twice():
+def test_nothing_is_compiled_twice(caplog):
     y, u = series(10)
     both = sp.dual(build, THETA)
     state = both.filter(y, u).state
     for _ in range(3):
         state, _ = both.update(state, y[0], u[0])
-    with jax.log_compiles(), pytest.MonkeyPatch.context() as patch:
-        compiled = []
-        patch.setattr("jax._src.compiler.backend_compile_and_load", lambda *a, **k: compiled.append(a))
-        state, _ = both.update(state, y[1], u[1])
+    with jax.log_compiles():
+        both.update(state, y[1], u[1])
         both.filter(y, u, epochs=2)
-    assert not compiled
+    assert "Compiling" not in caplog.text
+    with jax.log_compiles():  # it would have been heard
+        jax.jit(lambda a: a + 1)(y)
+    assert "Compiling" in caplog.text
 
 
 def test_32_bits():
@@ -220,14 +216,14 @@ def test_32_bits():
         )  # fmt: skip
 
     _, y = sp.simulate(model(jnp.float32(0.9)), 300, key=jax.random.key(4))
-    for cost in COSTS.values():
+    for cost in (sp.prediction_error(), sp.maximum_likelihood()):
         theta = sp.bounded(jnp.float32(0.5), jnp.float32(0.3), low=-1.0, high=1.0)
         found = sp.dual(model, theta, state_method=sp.srukf(), cost=cost).filter(y)
         assert found.post.mean.dtype == found.theta.value.dtype == jnp.float32
         assert abs(found.params - 0.9) < 0.1
 
 
-@pytest.mark.parametrize("parameter_method", [sp.ekf(), sp.srukf(), sp.ukf()], ids=["ekf", "srukf", "ukf"])
+@pytest.mark.parametrize("parameter_method", [sp.ekf(), sp.srukf()], ids=["ekf", "srukf"])
 def test_parameters_of_very_different_size_are_both_found(parameter_method):
     def model(theta):
         return sp.StateSpaceModel(
@@ -296,7 +292,6 @@ def message(match, call):
 
 def test_what_does_not_fit_is_said():
     y, u = series(5)
-    message("build must be a function", lambda: sp.dual(3, THETA))
     message(r"build\(theta\) must be", lambda: sp.dual(lambda t: 1, THETA))
     message(
         "state_method must not be augmented or extended",
@@ -309,17 +304,11 @@ def test_what_does_not_fit_is_said():
     message(
         "parameter_method must not be iterated", lambda: sp.dual(build, THETA, parameter_method=sp.iterated(sp.ukf()))
     )
-    message("parameter_method must be", lambda: sp.dual(build, THETA, parameter_method="ukf"))
-    message("state_method must be", lambda: sp.dual(build, THETA, state_method="ukf"))
-    message("drift must be", lambda: sp.dual(build, THETA, drift=0.1))
-    message("cost must be", lambda: sp.dual(build, THETA, cost="likelihood"))
     correlated = sp.Gaussian(jnp.ones(2), jnp.array([[1.0, 0.5], [0.5, 1.0]]))
     message("diagonal covariance", lambda: sp.dual(from_vector, correlated))
     message("noise: the variance", lambda: sp.prediction_error(-1.0))
     both = sp.dual(build, THETA)
     message("y must be one measurement", lambda: both.update(both.init(), y, u[0]))
-    message("state must be what", lambda: both.update(None, y[0], u[0]))
-    message("state must be what", lambda: both.filter(y, u, state=1))
     message("epochs must be", lambda: both.filter(y, u, epochs=0))
     message("one row for each", lambda: both.filter(y, u[:2]))
     message("infinite", lambda: both.update(both.init(), y[0].at[0].set(jnp.inf), u[0]))

@@ -109,8 +109,16 @@ class Dual(eqx.Module):
 
         Returns:
             The initial belief of the model with the parameters as they are thought to be, and these.
+
+        Examples:
+            >>> import jax.numpy as jnp, sigmapoint as sp
+            >>> def build(a):
+            ...     return sp.StateSpaceModel(lambda x, u: a * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+            ...                               sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+            >>> float(sp.dual(build, sp.real(0.5, 0.25)).init().theta.std)
+            0.25
         """
-        return DualState(self.cell, self.setup.start(), None, jnp.zeros((), int))
+        return DualState(self.cell, _started(self), None, jnp.zeros((), int))
 
     def update(self, state: DualState, y: Any, u: Any = None) -> tuple[DualState, Info]:
         """Go on to the next sample, and take it in.
@@ -125,6 +133,16 @@ class Dual(eqx.Module):
 
         Raises:
             ValueError: a state that is none, a measurement of another shape, infinite values, NaN in `u`.
+
+        Examples:
+            >>> import jax.numpy as jnp, sigmapoint as sp
+            >>> def build(a):
+            ...     return sp.StateSpaceModel(lambda x, u: a * x + u, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+            ...                               sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+            >>> both = sp.dual(build, sp.real(0.5, 0.3))
+            >>> state, info = both.update(both.init(), [2.0], 1.0)
+            >>> float(state.mean[0]), float(info.innovation[0]), float(state.theta.value)
+            (1.0, 2.0, 0.5)
         """
         checks.instance("state", state, DualState, "what init() or update() gave")
         y = checks.array("y", y)
@@ -154,6 +172,15 @@ class Dual(eqx.Module):
 
         Raises:
             ValueError: shapes that do not fit, NaN in `u`, infinite measurements, a state that is none.
+
+        Examples:
+            >>> import jax.numpy as jnp, sigmapoint as sp
+            >>> def build(a):
+            ...     return sp.StateSpaceModel(lambda x, u: a * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+            ...                               sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+            >>> result = sp.dual(build, sp.real(0.5, 0.3)).filter(jnp.ones((20, 1)), epochs=2)
+            >>> result.post.mean.shape, result.theta.std.shape, result.history.mse.shape
+            ((20, 1), (20,), (2,))
         """
         model = self.cell.model(self.parameters.start)
         y, u = filtering.series_of(model, y, u)
@@ -187,6 +214,7 @@ def _sampled(dual: Dual, learner: LearnerState, sample: Sample) -> tuple[Learner
     return updated(dual.setup, learner, (sample, present), dual.cell.targets(present))[0], info
 
 
+_started = eqx.filter_jit(lambda dual: dual.setup.start())
 _updated = eqx.filter_jit(_sampled)
 _estimates = eqx.filter_jit(Estimates.of)
 
