@@ -273,7 +273,7 @@ def dual(
         ...                               sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
         >>> x, y = sp.simulate(build(0.9), 500, key=jax.random.key(0))
         >>> result = sp.dual(build, sp.bounded(0.5, 0.3, low=-1.0, high=1.0)).filter(y)
-        >>> bool(result.theta.low[-1] < 0.9 < result.theta.high[-1]), result.post.mean.shape
+        >>> bool(abs(result.params - 0.9) < 3 * result.theta.std[-1]), result.post.mean.shape
         (True, (500, 1))
     """
     checks.function("build", build, "theta")
