@@ -9,6 +9,8 @@ from sigmapoint.comparison import Comparison, compare
 from sigmapoint.diagnostics import diagnose
 from sigmapoint.filtering import filter
 from sigmapoint.fixed_lag import LaggedState, OnlineSmoother, fixed_lag, online_smoother
+from sigmapoint.identification.costs import maximum_likelihood, prediction_error
+from sigmapoint.identification.dual import Dual, DualResult, DualState, dual
 from sigmapoint.identification.em import EM, em
 from sigmapoint.identification.fit import ModelFit, fit
 from sigmapoint.identification.joint import joint
@@ -72,6 +74,9 @@ __all__ = [
     "EM",
     "Additive",
     "Comparison",
+    "Dual",
+    "DualResult",
+    "DualState",
     "Estimates",
     "FilterState",
     "Fit",
@@ -107,6 +112,7 @@ __all__ = [
     "cross_entropy",
     "diagnose",
     "diagonal",
+    "dual",
     "ekf",
     "em",
     "estimates",
@@ -127,10 +133,12 @@ __all__ = [
     "learner",
     "load",
     "log_posterior",
+    "maximum_likelihood",
     "on_diagonal",
     "online",
     "online_smoother",
     "positive",
+    "prediction_error",
     "real",
     "recurrent",
     "report",

@@ -55,6 +55,23 @@ class Angles:
 
 
 @dataclass(frozen=True)
+class Beside:
+    """A space of `point` numbers and `step` directions, and an ordinary vector behind it; made by `beside`."""
+
+    space: Space
+    point: int
+    step: int
+
+    def residual(self, a: Float[Array, " d"], b: Float[Array, " d"]) -> Float[Array, " n"]:
+        x = self.space.residual(a[: self.point], b[: self.point])
+        return jnp.concatenate([x, a[self.point :] - b[self.point :]])
+
+    def retract(self, point: Float[Array, " d"], step: Float[Array, " n"]) -> Float[Array, " d"]:
+        x = self.space.retract(point[: self.point], step[: self.step])
+        return jnp.concatenate([x, point[self.point :] + step[self.step :]])
+
+
+@dataclass(frozen=True)
 class Manifold:
     """A space given by its two functions.
 
@@ -102,6 +119,11 @@ def angles(*indices: int, period: float = 2 * jnp.pi) -> Angles:
     if not isinstance(period, int | float) or not period > 0:
         raise ValueError(f"angles: period, a full turn, must be a positive number, got {period!r}")
     return Angles(positions, float(period))
+
+
+def beside(space: Space, point: int, step: int) -> Space:
+    """Points of `space`, of `point` numbers and `step` directions, with ordinary numbers behind them."""
+    return space if isinstance(space, Euclidean) else Beside(space, point, step)
 
 
 def folded(space: Space, points: Float[Array, "n d"], std: Float[Array, " n"], reach: float) -> Bool[np.ndarray, " n"]:

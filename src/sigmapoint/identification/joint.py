@@ -6,7 +6,6 @@ Source: Wan & van der Merwe, "The Unscented Kalman Filter" (2001), equations 7.9
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
@@ -20,27 +19,10 @@ from sigmapoint.identification.unknowns import Unknowns
 from sigmapoint.learning.drift import Annealed, Drift
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive, Gaussian, NonAdditive
-from sigmapoint.spaces import Euclidean, Space
+from sigmapoint.spaces import Space, beside
 
 LONGEST = 1e7
 """Numbers in the covariances of a drift that changes with time."""
-
-
-@dataclass(frozen=True)
-class Beside:
-    """A space of `point` numbers and `step` directions, and an ordinary vector beside it."""
-
-    space: Space
-    point: int
-    step: int
-
-    def residual(self, a: Float[Array, " d"], b: Float[Array, " d"]) -> Float[Array, " n"]:
-        x = self.space.residual(a[: self.point], b[: self.point])
-        return jnp.concatenate([x, a[self.point :] - b[self.point :]])
-
-    def retract(self, point: Float[Array, " d"], step: Float[Array, " n"]) -> Float[Array, " d"]:
-        x = self.space.retract(point[: self.point], step[: self.step])
-        return jnp.concatenate([x, point[self.point :] + step[self.step :]])
 
 
 class Part(NamedTuple):
@@ -95,7 +77,6 @@ def joint(build: Callable[[Any], StateSpaceModel], theta: Any, drift: Any = 0.0)
 
     at_prior = model(z0)
     d, n = at_prior.initial.mean.shape[0], at_prior.initial.cov.shape[0]
-    space = at_prior.state_space if isinstance(at_prior.state_space, Euclidean) else Beside(at_prior.state_space, d, n)
     motion = _part(model, z0, "process_noise", lambda m: m.dynamics, lambda m: m.state_space)
     sight = _part(model, z0, "observation_noise", lambda m: m.observation, lambda m: m.observation_space)
     q = motion.cov.shape[-1]
@@ -115,7 +96,7 @@ def joint(build: Callable[[Any], StateSpaceModel], theta: Any, drift: Any = 0.0)
         motion.kind(cov, mean),
         sight.kind(sight.cov, sight.mean),
         _initial(model, unknowns),
-        state_space=space,
+        state_space=beside(at_prior.state_space, d, n),
         observation_space=at_prior.observation_space,
         state_names=(*at_prior.state_names, *(f"z.{name}" for name in unknowns.names)),
         state_units=(*at_prior.state_units, *("",) * L),

@@ -171,18 +171,25 @@ def learner(
         ((9,), (1,))
     """
     learned = objective(function)
-    method = srcdkf() if method is None else method
-    checks.instance("method", method, Method)
-    if method.iterations > 1 or not isinstance(method.carry, Redraw):
-        raise ValueError("learner: the method must not be iterated, augmented or extended")
-    drift = fixed(0.0) if drift is None else drift
-    checks.instance("drift", drift, Drift, "sp.fixed(), sp.annealed(), sp.forgetting() or sp.robbins_monro()")
     known = noise if isinstance(noise, MeasurementNoise) else Known(measurement_noise.checked("noise", noise))
     parameters = Parameters.of(w0, prior_std)
-    L = parameters.start.shape[0]
+    method, drift = fitting(parameters, method, drift)
+    return Learner(Setup(learned, parameters, method, drift, known, sharding.mesh(devices, parameters.start.shape[0])))
+
+
+def fitting(
+    parameters: Parameters, method: Method | None, drift: Drift | None, name: str = "method"
+) -> tuple[Method, Drift]:
+    """Method and drift, or their defaults, checked together with the parameters."""
+    method = srcdkf() if method is None else method
+    checks.instance(name, method, Method)
+    if method.iterations > 1 or not isinstance(method.carry, Redraw):
+        raise ValueError(f"learner: the {name} must not be iterated, augmented or extended")
+    drift = fixed(0.0) if drift is None else drift
+    checks.instance("drift", drift, Drift, "sp.fixed(), sp.annealed(), sp.forgetting() or sp.robbins_monro()")
     if isinstance(method.rule, SigmaPointRule):
-        checks.digits(abs(method.rule.constants(L).centre), parameters.start.dtype)
-    return Learner(Setup(learned, parameters, method, drift, known, sharding.mesh(devices, L)))
+        checks.digits(abs(method.rule.constants(parameters.start.shape[0]).centre), parameters.start.dtype)
+    return method, drift
 
 
 def _alone(a: Any) -> Any:

@@ -18,11 +18,17 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks, data_checks
 from sigmapoint.methods import Method
+from sigmapoint.spaces import Euclidean, Space
 
 
 @runtime_checkable
 class Objective(Protocol):
     """What is learned."""
+
+    @property
+    def memory_space(self) -> Space:
+        """In which memories differ."""
+        ...
 
     def checked(self, x: Any, d: Any, dtype: Any) -> tuple[Any, Array | np.ndarray | None]:
         """Inputs and targets of `values`, with a leading axis B; nothing for targets that are zero."""
@@ -49,6 +55,10 @@ class Function(eqx.Module):
     """d = G(w, x)."""
 
     function: Callable[[Any, Any], Any] = eqx.field(static=True)
+
+    @property
+    def memory_space(self) -> Space:
+        return Euclidean()
 
     def checked(self, x: Any, d: Any, dtype: Any) -> tuple[Any, Array | np.ndarray | None]:
         return paired(x, d, dtype)

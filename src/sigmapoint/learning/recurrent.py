@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 from sigmapoint import checks
 from sigmapoint.learning.objectives import Objective, paired
 from sigmapoint.methods import Method
+from sigmapoint.spaces import Euclidean, Space
 
 
 class Recurrent(eqx.Module):
@@ -21,6 +22,10 @@ class Recurrent(eqx.Module):
 
     cell: Callable[[Any, Any, Any], tuple[Any, Any]] = eqx.field(static=True)
     start: Any
+
+    @property
+    def memory_space(self) -> Space:
+        return Euclidean()
 
     def checked(self, x: Any, d: Any, dtype: Any) -> tuple[Any, Array | np.ndarray | None]:
         return paired(x, d, dtype)

@@ -13,6 +13,7 @@ from sigmapoint import checks, data_checks
 from sigmapoint.learning.objectives import Objective, listed
 from sigmapoint.linalg import safe_sqrt
 from sigmapoint.methods import Method
+from sigmapoint.spaces import Euclidean, Space
 from sigmapoint.variants import at_mean
 
 MUST_BE_KNOWN = "A residual needs its targets: leave out the pairs that have none"
@@ -23,6 +24,10 @@ class Residual(eqx.Module):
 
     error: Callable[[Any, Any, Any], Any] = eqx.field(static=True)
     predict: Callable[[Any, Any], Any] | None = eqx.field(static=True)
+
+    @property
+    def memory_space(self) -> Space:
+        return Euclidean()
 
     def checked(self, x: Any, d: Any, dtype: Any) -> tuple[Any, Array | np.ndarray | None]:
         d = jax.tree.map(lambda a: np.asarray(a) if listed(a) else a, d, is_leaf=listed)

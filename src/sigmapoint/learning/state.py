@@ -9,10 +9,10 @@ from sigmapoint.linalg import safe_sqrt
 
 
 class Memory(NamedTuple):
-    """What a function remembers, to first order in the parameters: `mean + slope (w − state.mean)`."""
+    """What a function remembers, to first order in the parameters: `mean + slope (w − state.mean)`, in its space."""
 
     mean: Float[Array, "*many H"]
-    slope: Float[Array, "*many H L"]
+    slope: Float[Array, "*many D L"]
 
 
 class LearnerState(NamedTuple):

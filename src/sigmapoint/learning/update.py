@@ -27,7 +27,7 @@ from sigmapoint.learning.uncertainty import Covariance, Factor
 from sigmapoint.linalg import norm_rows, solve_lower, solve_upper
 from sigmapoint.methods import Method
 from sigmapoint.rules.linearization import Linearization, SigmaPointRule
-from sigmapoint.spaces import Euclidean
+from sigmapoint.spaces import Euclidean, Space, beside
 from sigmapoint.step import LOG_2PI
 
 
@@ -61,7 +61,8 @@ class Setup(eqx.Module):
         """What a recurrent function remembers before the first input of a series."""
         start = self.parameters.start
         remembered = jnp.array(self.objective.remembered(start.dtype))  # a copy, as above
-        return Memory(remembered, jnp.zeros((remembered.shape[0], start.shape[0]), start.dtype))
+        directions = jax.eval_shape(self.objective.memory_space.residual, remembered, remembered).shape[0]
+        return Memory(remembered, jnp.zeros((directions, start.shape[0]), start.dtype))
 
     def checked(self, x: Any, d: Any) -> tuple[Any, Any]:
         """Inputs and targets of `values`, as arrays with a leading axis; nothing for targets that are zero."""
@@ -97,7 +98,7 @@ def updated(setup: Setup, state: LearnerState, x: Any, d: Any) -> tuple[LearnerS
         state.uncertainty, setup.drift.added(state.drift, state.uncertainty.variance, state.step)
     )
     factor = uncertainty.factored
-    seen, remembered = _seen(setup, state, factor, x, d.size)
+    seen, remembered = _seen(setup, state, factor, x)
     there = ~jnp.isnan(jnp.ravel(d))
     R = jnp.kron(jnp.eye(B, dtype=cov.dtype), cov)
     slope, bend = (jnp.where(there[:, None], part, 0.0) for part in (seen.slope, seen.bend))
@@ -115,7 +116,7 @@ def updated(setup: Setup, state: LearnerState, x: Any, d: Any) -> tuple[LearnerS
         uncertainty.carried(learned.uncertainty),
         jax.tree.map(partial(jnp.where, there.any()), setup.drift.after(state.drift, moved), state.drift),
         setup.noise.after(state.noise, found),
-        Memory(remembered.mean + remembered.slope @ moved, remembered.slope),
+        Memory(setup.objective.memory_space.retract(remembered.mean, remembered.slope @ moved), remembered.slope),
         state.step + 1,
     )
     nis = jnp.sum(white**2)
@@ -125,30 +126,35 @@ def updated(setup: Setup, state: LearnerState, x: Any, d: Any) -> tuple[LearnerS
     return sharding.spread(after, setup.mesh, state.mean.shape[0]), info
 
 
-def _seen(setup: Setup, state: LearnerState, factor: Factor, x: Any, size: int) -> tuple[Linearization, Memory]:
-    """What should equal the targets, `size` numbers, and the memory after it."""
+def _seen(setup: Setup, state: LearnerState, factor: Factor, x: Any) -> tuple[Linearization, Memory]:
+    """What should equal the targets, and the memory after it."""
+    H, D = state.memory.mean.shape[0], state.memory.slope.shape[0]
 
     def both(w: Any, memory: Array) -> Array:
         values, after = setup.objective.values(w, memory, x)
-        return jnp.concatenate([jnp.ravel(values).astype(after.dtype), after])
+        return jnp.concatenate([after, jnp.ravel(values).astype(after.dtype)])
 
-    lin = _linearized(setup, setup.method, state, factor, both)
-    slope = lin.slope[size:]
-    slope = solve_upper(factor.factor, slope.T).T if slope.size else slope
-    return Linearization(*(part[:size] for part in lin)), Memory(lin.mean[size:], slope)
+    lin = _linearized(setup, setup.method, state, factor, both, beside(setup.objective.memory_space, H, D))
+    slope = solve_upper(factor.factor, lin.slope[:D].T).T if D else lin.slope[:D]
+    return Linearization(lin.mean[H:], *(part[D:] for part in lin[1:])), Memory(lin.mean[:H], slope)
 
 
 def _linearized(
-    setup: Setup, method: Method, state: LearnerState, factor: Factor, function: Callable[[Any, Array], Array]
+    setup: Setup,
+    method: Method,
+    state: LearnerState,
+    factor: Factor,
+    function: Callable[[Any, Array], Array],
+    space: Space,
 ) -> Linearization:
     """`function(w, memory)`, where the memory depends on the parameters too, about their mean."""
     together = sharding.gathered(setup.mesh)
 
     def at(step: Float[Array, " L"]) -> Array:
-        memory = state.memory.mean + state.memory.slope @ step
+        memory = setup.objective.memory_space.retract(state.memory.mean, state.memory.slope @ step)
         return jnp.ravel(function(setup.parameters.tree(together(state.mean + step)), memory)).astype(step.dtype)
 
-    return method.rule(at, factor.factor, Euclidean())
+    return method.rule(at, factor.factor, space)
 
 
 def predicted(setup: Setup, state: LearnerState, x: Any) -> Prediction:
@@ -159,6 +165,6 @@ def predicted(setup: Setup, state: LearnerState, x: Any) -> Prediction:
 
     shape = jax.eval_shape(lambda s: value(setup.parameters.tree(s.mean), s.memory.mean), state).shape
     method = setup.objective.predicted_by(setup.method)
-    lin = _linearized(setup, method, state, state.uncertainty.factored, value)
+    lin = _linearized(setup, method, state, state.uncertainty.factored, value, Euclidean())
     std = norm_rows(jnp.concatenate([lin.slope, lin.bend], axis=1))
     return Prediction(lin.mean.reshape(shape), std.reshape(shape))
