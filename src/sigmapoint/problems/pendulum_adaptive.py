@@ -21,7 +21,7 @@ import sigmapoint as sp
 from sigmapoint.identification.unknowns import Estimates, Unknowns
 from sigmapoint.methods import Method
 from sigmapoint.problems import pendulum
-from sigmapoint.problems.pendulum import TRUTH, Parameters
+from sigmapoint.problems.pendulum import STEP, TRUTH, Parameters
 from sigmapoint.problems.pendulum_control import force
 from sigmapoint.step import Filter
 
@@ -130,9 +130,7 @@ def trial(
         now, _ = run.update(ahead, state + sensors * noise[0], jnp.zeros(()))
         mean, z = now.mean[:6], now.mean[6:]
         pushed = jnp.clip(control(mean, unknowns.tree(z), state), -STRONGEST, STRONGEST)
-        moved = state
-        for _ in range(PARTS):
-            moved = pendulum.moved(TRUTH, moved, pushed, pendulum.STEP / PARTS)
+        moved = jax.lax.fori_loop(0, PARTS, lambda _, x: pendulum.moved(TRUTH, x, pushed, STEP / PARTS), state)
         return (moved + DISTURBANCE * noise[1], run.predict(now, pushed)), (state, mean, z, now.std[6:], pushed)
 
     _, (state, mean, z, std, pushed) = jax.lax.scan(step, (start.state, run.init()), noise)
