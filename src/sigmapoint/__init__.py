@@ -64,8 +64,8 @@ def __getattr__(name: str) -> Any:
 __all__ = [
     "Additive",
     "Comparison",
-    "FilterState",
     "Estimates",
+    "FilterState",
     "Fit",
     "Gaussian",
     "History",

@@ -1,27 +1,26 @@
 """Natural frequencies of two masses on springs, estimated jointly with their motion, at and above Nyquist sampling.
 
 Published (Wan & van der Merwe 2001, section 7.5.1, Figures 7.14 and 7.15): "the EKF does not converge to the true value
-for ω₂", sampled at Nyquist of ω₂, which "emphasizes the effect of linearization in the EKF. For faster sampling rates the
-performance of the EKF and UKF become more similar." As there: process noise at 100 dB, measurements at 60 dB, a fixed
-drift. Masses, frequencies, starts, priors and number of steps are not printed; those here are ours.
+for ω₂", sampled at Nyquist of ω₂, which "emphasizes the effect of linearization in the EKF. For faster sampling rates
+the performance of the EKF and UKF become more similar." As there: process noise at 100 dB, measurements at 60 dB, a
+fixed drift. Masses, frequencies, starts, priors and number of steps are not printed; those here are ours.
 
 One curve is no evidence, so here are shares of runs that end within 1 % of both frequencies: random motions, random
 starts, two widths of the prior, four sampling rates, and motions released from rest, of which an exact Nyquist step
 sees the turning points only (`problems.masses`). The state at the start is unknown: mean 0, deviation of the motion.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 import sigmapoint as sp
 from sigmapoint.experiments.modes_figures import shares, tracks
+from sigmapoint.experiments.modes_runs import Case, Found, draw, estimator
 from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish, row_of
 from sigmapoint.methods import Method
 from sigmapoint.problems import masses
@@ -37,65 +36,11 @@ METHODS: dict[str, tuple[Method, str]] = {
 }
 QUICK = ("EKF", "UKF")
 RUNS, QUICK_RUNS = 200, 8
-STEPS = 200
-DRIFT = 1e-8
-"""variance gained in a step, of that of the prior"""
-CLOSE = 0.01
-"""of the true frequency"""
-
-
-class Case(NamedTuple):
-    """What a run is done under."""
-
-    rate: float
-    """sampling rate over the Nyquist rate of ω₂"""
-    prior: float
-    """standard deviation of the logarithm of a frequency at the start, and what the filter is told of it"""
-    rest: bool
-    """whether the masses start without speed"""
-
-    @property
-    def text(self) -> str:
-        """In words."""
-        start = ", from rest" if self.rest else ""
-        return f"{self.rate:g} × Nyquist, starts ±{100 * self.prior:g} %{start}"
-
-
 NYQUIST = Case(1.0, 0.3, False)
-CASES = tuple(Case(rate, prior, rest) for rest in (False, True) for prior in (0.1, 0.3) for rate in (1.0, 1.2, 2.0, 5.0))
+CASES = tuple(
+    Case(rate, prior, rest) for rest in (False, True) for prior in (0.1, 0.3) for rate in (1.0, 1.2, 2.0, 5.0)
+)
 QUICK_CASES = (Case(1.0, 0.1, False), NYQUIST)
-
-
-class Found(NamedTuple):
-    """One row a run, one column a step; ω₁ and ω₂ last [rad/s]."""
-
-    value: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-
-    @property
-    def close(self) -> Float[np.ndarray, "R 2"]:
-        """1 for a frequency that ends within 1 %."""
-        return 1.0 * (np.abs(self.value[:, -1] / masses.TRUTH - 1) < CLOSE)
-
-    @property
-    def both(self) -> Float[np.ndarray, " R"]:
-        """1 where both do."""
-        return self.close.min(1)
-
-    @property
-    def inside(self) -> Float[np.ndarray, "R 2"]:
-        """1 for a frequency that ends in its 95 % interval."""
-        return 1.0 * ((self.low[:, -1] <= masses.TRUTH) & (masses.TRUTH <= self.high[:, -1]))
-
-
-class Drawn(NamedTuple):
-    """Random numbers of the runs, the same in all cases."""
-
-    motion: Float[Array, "R 4"]
-    start: Float[Array, "R 2"]
-    keys: Array
-
 
 Results = Mapping[Case, Mapping[str, Found]]
 _row = partial(row_of, "modes")
@@ -105,8 +50,8 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
     """Run the experiment; see `Experiment.run`."""
     count, names, cases = runs or (QUICK_RUNS if quick else RUNS), QUICK if quick else tuple(METHODS), CASES
     with jax.enable_x64(True):
-        drawn = _drawn(count, jax.random.key(seed))
-        estimators = {name: _estimator(METHODS[name][0]) for name in names}
+        drawn = draw(count, jax.random.key(seed))
+        estimators = {name: estimator(METHODS[name][0]) for name in names}
         found = {
             case: {name: estimate(case, drawn) for name, estimate in estimators.items()}
             for case in (QUICK_CASES if quick else cases)
@@ -129,49 +74,6 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
             ),
         ],
     )
-
-
-def _drawn(runs: int, key: Array) -> Drawn:
-    keys = jax.random.split(key, 3)
-    return Drawn(
-        jax.random.normal(keys[0], (runs, 4)), jax.random.normal(keys[1], (runs, 2)), jax.random.split(keys[2], runs)
-    )
-
-
-def _estimator(method: Method) -> Callable[[Case, Drawn], Found]:
-    """All runs of a case, by one program for all cases."""
-
-    def one(rate: Array, prior: Array, moving: Array, drawn: Drawn) -> Any:
-        truth, scale = jnp.asarray(masses.TRUTH), jnp.asarray(masses.SCALE)
-        dt = jnp.pi / truth[1] / rate
-        speeds = jnp.concatenate([jnp.ones(2), jnp.broadcast_to(moving, (2,))])
-        y = simulated(drawn.motion * scale * speeds, dt, drawn.keys)
-        first = truth * jnp.exp(prior * drawn.start)
-        unknown = masses.Start(jnp.zeros(4), scale)
-        theta = sp.positive(first, prior * first)
-        model = sp.joint(lambda omega: masses.model(omega, dt, unknown), theta, drift=DRIFT)
-        found = sp.estimates(theta, sp.filter(model, y, method=method, keep=("mean", "std")))
-        return Found(found.value, found.low, found.high)
-
-    program = jax.jit(jax.vmap(one, (None, None, None, 0)))
-
-    def estimate(case: Case, drawn: Drawn) -> Found:
-        given = (case.rate, case.prior, 1.0 - case.rest)
-        return jax.tree.map(np.asarray, program(*map(jnp.asarray, given), drawn))
-
-    return estimate
-
-
-def simulated(x: Float[Array, "4"], dt: Float[Array, ""], key: Array) -> Float[Array, "T 2"]:
-    """Places as measured [m], from a state on."""
-    noise = jax.random.normal(key, (STEPS, 6))
-
-    def step(x: Array, noise: Array) -> tuple[Array, Array]:
-        y = masses.places(x) + masses.MEASUREMENT * noise[:2]
-        disturbance = masses.PROCESS * jnp.asarray(masses.SCALE) * noise[2:]
-        return masses.moved(jnp.asarray(masses.TRUTH), x, dt) + disturbance, y
-
-    return jax.lax.scan(step, x, noise)[1]
 
 
 def rows(found: Results) -> list[Row]:
@@ -217,13 +119,15 @@ def findings(found: Results) -> Sequence[str]:
         f"UKF {share(case, 'UKF', 0)} and {share(case, 'UKF', 1)}"
         for case in nyquist
     )
-    gains = "; ".join(f"{case.text} {100 * gain(by).value:+.1f} ± {100 * gain(by).spread:.1f}" for case, by in found.items())
+    gains = "; ".join(
+        f"{case.text} {100 * gain(by).value:+.1f} ± {100 * gain(by).spread:.1f}" for case, by in found.items()
+    )
     misses = "reproduced" if all(mean_of(found[case]["EKF"].close[:, 1]).value < 0.5 for case in nyquist) else (
         "not so in most runs")  # fmt: skip
     return (
         f"Runs that end within 1 % of ω1 and of ω2. {at}.",
-        f'"The EKF does not converge to the true value for ω2", at Nyquist: {misses}. UKF against EKF on the same runs at '
-        f"{NYQUIST.text}: the UKF being ahead is {decided(gain(found[NYQUIST]))}.",
+        f'"The EKF does not converge to the true value for ω2", at Nyquist: {misses}. That the UKF is ahead of the EKF '
+        f"on the same runs, at {NYQUIST.text}: {decided(gain(found[NYQUIST]))}.",
         f"More runs within 1 % of both by the UKF than by the EKF, in percentage points: {gains}.",
         "Exactly at Nyquist the second mode only changes its sign from sample to sample, and that it does neither more "
         "nor less says that ω2 is at Nyquist. A little above, the samples beat, and a start on the other side of "

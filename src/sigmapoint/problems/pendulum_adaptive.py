@@ -90,7 +90,8 @@ def starts(runs: int, key: Array) -> Start:
     angles = ANGLE * jax.random.uniform(keys[0], (runs, 2), minval=-1.0, maxval=1.0)
     shift = jnp.zeros((runs, 6)).at[:, jnp.array([2, 4])].set(angles)
     return Start(
-        JACKKNIFE[None] + shift, jnp.exp(jnp.log(FACTOR) * jax.random.uniform(keys[1], (runs, 5), minval=-1.0, maxval=1.0))
+        jnp.asarray(JACKKNIFE)[None] + shift,
+        jnp.exp(jnp.log(FACTOR) * jax.random.uniform(keys[1], (runs, 5), minval=-1.0, maxval=1.0)),
     )
 
 
@@ -107,9 +108,7 @@ def model(parameters: Parameters, sensors: Float[Array, " 6"]) -> sp.StateSpaceM
     )
 
 
-def trial(
-    method: Method, control: Control, start: Start, sensors: Float[Array, " 6"], steps: int, key: Array
-) -> Trial:
+def trial(method: Method, control: Control, start: Start, sensors: Float[Array, " 6"], steps: int, key: Array) -> Trial:
     """One trial, from one start.
 
     Args:
