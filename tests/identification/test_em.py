@@ -193,7 +193,7 @@ def test_what_cannot_be_learned_so_is_said():
         sp.em(model, y, process_noise=None, observation_noise=None, initial=None)
     with pytest.raises(ValueError, match="every element is NaN"):
         sp.em(model, jnp.full((4, 2), jnp.nan))
-    with pytest.raises(ValueError, match="model must be a sp.StateSpaceModel"):
+    with pytest.raises(ValueError, match=r"model must be a StateSpaceModel"):
         sp.em(lambda theta: model, y)
     inside = sp.StateSpaceModel(
         lambda x, u, w: A @ x + w, model.observation, sp.NonAdditive(START.Q), START.R, model.initial

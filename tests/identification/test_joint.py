@@ -195,7 +195,7 @@ def test_what_is_no_parameter_is_said():
         sp.joint(_swing(1.0), 1.0)
     with pytest.raises(ValueError, match=r"build\(theta\) must be a sp.StateSpaceModel"):
         sp.joint(lambda k: k, 1.0)
-    with pytest.raises(ValueError, match="other drifts are for sp.dual"):
+    with pytest.raises(ValueError, match="other drifts are for"):
         sp.joint(_swing, 1.0, sp.forgetting(0.99))
     with pytest.raises(ValueError, match="needs a floor"):
         sp.joint(_swing, 1.0, sp.annealed(1e-3, 0.99))

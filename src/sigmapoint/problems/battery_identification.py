@@ -74,7 +74,7 @@ def identify(logs: Sequence[Log], temperature: float) -> Cell:
 
     Args:
         logs: at least two runs at different temperatures, each with a full charge and a discharge to 3.0 V at 10 A, and
-            one of them at least (not the bundled one at 25 °C) with a discharge to 3.0 V before that: for the efficiency.
+            one at least (not the bundled one at 25 °C) with a discharge to 3.0 V before that, for the efficiency.
         temperature: [°C] where the parameters are wanted.
 
     Returns:

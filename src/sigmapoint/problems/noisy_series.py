@@ -4,9 +4,9 @@ The state is (x[k], …, x[k−p+1]), newest first; only its first element is me
 equations 7.70 and 7.71, Figure 7.7. Backward in time the network b of the same kind gives what falls out of the state:
 x[k−p] from (x[k−p+1], …, x[k]).
 
-`drawn` is the paper's "chaotic autoregressive neural network": a 5-3-1 network with random weights, driven by noise. Its
-weights are not given; here they are normal, and networks are drawn until one has a Lyapunov exponent above LEAST without
-noise, about one in twenty.
+`drawn` is the paper's "chaotic autoregressive neural network": a 5-3-1 network with random weights, driven by noise.
+Its weights are not given; here they are normal, and networks are drawn until one has a Lyapunov exponent above LEAST
+without noise, about one in twenty.
 """
 
 from functools import partial
