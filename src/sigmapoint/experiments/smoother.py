@@ -145,7 +145,8 @@ class Samplewise(eqx.Module):
             return back.predict(state, None), (ahead.belief, state.belief)
 
         before, filtered = series.scan(step, back.init(), y, reverse=True)[1]
-        (m, v), (n, w) = ((belief.mean[:, 0], belief.cov[:, 0, 0]) for belief in (forward, before))
+        m, n = forward.mean[:, 0], before.mean[:, 0]
+        v, w = (jax.vmap(lambda belief: belief.std[0] ** 2)(beliefs) for beliefs in (forward, before))
         return {B: filtered.mean[:, 0], S: (m * w + n * v) / (v + w)}
 
 
