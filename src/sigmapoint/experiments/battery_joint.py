@@ -1,8 +1,8 @@
 """Capacity and series resistance of a Nissan Leaf cell at 10, 25 and 40 °C, estimated with its state of charge.
 
 Not from the papers. Each run is estimated by a cell that was identified from the other two; capacity and resistance
-start at random up to 20 % wrong, the state of charge up to 10 points. The capacity is held against the counted charge of
-the run itself, from full to empty: within 3 %, and inside its 95 % interval. The data are the same in all runs of a
+start at random up to 20 % wrong, the state of charge up to 10 points. The capacity is held against the counted charge
+of the run itself, from full to empty: within 3 %, and inside its 95 % interval. The data are the same in all runs of a
 temperature; the spread is that over starts.
 """
 
