@@ -32,8 +32,8 @@ QUICK_TEMPERATURES = (25,)
 WRONG, WRONG_SOC = 0.2, 0.1
 """[of the true value] capacity and resistance start within ± this, all equally likely; [1] the state of charge"""
 DRIFT = Unknown(0.0, 1e-5)
-"""variance that each gains in a step, of that of the prior: the resistance changes along the state of charge (0 and 1e-6,
-too, were tried: the capacity ends within 0.2 % of the same)"""
+"""variance that each gains in a step, of that of the prior: the resistance changes along the state of charge (0 and
+1e-6 were tried, too: the capacity ends within 0.2 % of the same)"""
 CLOSE = 3.0
 """[%] of the counted capacity"""
 
@@ -136,8 +136,8 @@ def rows(cells: Mapping[int, Held], found: Mapping[int, Case]) -> list[Row]:
               lambda h, f: mean_of(resistance_inside(h, f)[0])),
         *each("the same before, without a jump of the current but that at the start",
               lambda h, f: mean_of(resistance_inside(h, f)[1]),
-              "probably an error of the table, near empty, passes for one of the resistance; tried: an unknown factor on "
-              "the RC pairs, which does not mend it"),
+              "probably an error of the table, near empty, passes for one of the resistance; tried: an unknown factor "
+              "on the RC pairs, which does not mend it"),
         *each("error of the state of charge from half an hour on, rms in points", lambda h, f: mean_of(points(h, f))),
     ]  # fmt: skip
 
@@ -213,8 +213,8 @@ def findings(cells: Mapping[int, Held], found: Mapping[int, Case]) -> Sequence[s
         + "; ".join(f"{t} °C {c.cell.r0 / np.median(battery_joint.jumps(c.log)[1]):.2f}" for t, c in cells.items())
         + ".",
         "Share of the samples that have the median jump in the 95 % interval of the resistance, after the full charge "
-        f"and before it: {bars}. Before, no jump of the current tells resistance and table apart, and where the interval "
-        "is wrong, probably an error of the steep part of the curve, near empty, passes for resistance.",
+        f"and before it: {bars}. Before, no jump of the current tells resistance and table apart. Where the interval "
+        "is wrong, an error of the steep part of the curve, near empty, probably passes for resistance.",
         "Each temperature is one recording: agreement of starts says that the start is forgotten, not that another "
         "recording would give the same. By these three recordings the intervals of the capacity are rather too wide.",
     )
