@@ -26,29 +26,21 @@ from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
 import sigmapoint as sp
-from sigmapoint import affine, series
-from sigmapoint.belief import Belief, SquareRoot
 from sigmapoint.experiments.learning_figures import COLOURS
 from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish
+from sigmapoint.experiments.smoother_stages import NOISE, B, F, Linearised, S, Samplewise, Whole
 from sigmapoint.filtering import scan
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.problems import mackey_glass, network, noisy_series
 from sigmapoint.problems.autoregression import normalized, pairs
-from sigmapoint.smoothing import Smoother
-from sigmapoint.step import Filter, FilterState
-from sigmapoint.two_filter import Backward, informed
+from sigmapoint.step import Filter
 
 RUNS, QUICK_RUNS = 20, 2
 TRAIN, TEST = 1000, 300
 EPOCHS, QUICK_EPOCHS = 20, 3
-NOISE = 10**-0.3
-"""Variance of the measurement noise, at 3 dB, of a series of variance 1."""
 ENDS = 10
 """Samples at either end that no filter is judged by: neither has seen enough there."""
-LEAST = 1e-6
-"""Information beside that of a backward filter, which has none of some directions at first."""
-F, B, S = "forward (F)", "backward (B)", "smoothed (S)"
 
 
 class Task(NamedTuple):
@@ -91,63 +83,16 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
     runs, epochs = runs or (QUICK_RUNS if quick else RUNS), QUICK_EPOCHS if quick else EPOCHS
     with jax.enable_x64(True):
         keys = jax.random.split(jax.random.key(seed), len(TASKS))
-        found = {task.name: measured(task, runs, epochs, key) for task, key in zip(TASKS, keys)}
+        tasks, only = (TASKS[1:], tuple(TASKS[1].published)) if quick else (TASKS, None)
+        found = {task.name: measured(task, runs, epochs, key, only) for task, key in zip(tasks, keys)}
     said = (
         f"Mean over {runs} noisy series of {TEST} samples ± standard error; 1 is an estimate of zero. Grey: published."
     )
     pictures = [
         Picture("smoother", f"Normalised mean squared errors, forward, backward, smoothed. {said}", figure_of(found))
     ]
-    rows = [row for task in TASKS for row in rows_of(task, found[task.name])]
+    rows = [row for task in tasks for row in rows_of(task, found[task.name])]
     return publish(out, "Smoothers of noisy chaotic series", findings(found), rows, pictures)
-
-
-class Whole(eqx.Module):
-    """A smoother of the whole state."""
-
-    smoother: Smoother
-
-    def stages(self, run: Filter, y: Float[Array, "T 1"], forward: Belief) -> dict[str, Float[Array, " T"]]:
-        """Estimates of the sample by stage, where there is a backward filter also of that."""
-        found = {S: self.smoother(run, y, None, ("mean",))["mean"][:, 0]}
-        if isinstance(self.smoother, Backward):
-            found[B] = self.smoother.filtered(run, y, None)[1].mean[:, 0]
-        return found
-
-
-class Linearised(eqx.Module):
-    """The two-filter smoother of the linearised model."""
-
-    def stages(self, run: Filter, y: Float[Array, "T 1"], forward: Belief) -> dict[str, Float[Array, " T"]]:
-        """As of `Whole`; backward, with the measurement of the instant itself."""
-        model = affine.linearized(run, jax.vmap(lambda b: SquareRoot(b.mean, b.factor))(forward), y, None)
-        later = informed(model)
-
-        def at(mean: Array, eta: Array, Z: Array, H: Array, r: Array) -> Array:
-            information = Z @ Z.T + H.T @ H / NOISE + LEAST * jnp.eye(len(mean))
-            return mean + jnp.linalg.solve(information, eta + H.T @ r / NOISE)
-
-        backward = jax.vmap(at)(forward.mean, later.eta, later.Z, model.H, model.r)
-        return {B: backward[:, 0], **Whole(sp.two_filter()).stages(run, y, forward)}
-
-
-class Samplewise(eqx.Module):
-    """A filter of the reversed series, by a model of its own; the two estimates of a sample alone are combined."""
-
-    model: StateSpaceModel
-
-    def stages(self, run: Filter, y: Float[Array, "T 1"], forward: Belief) -> dict[str, Float[Array, " T"]]:
-        """As of `Whole`."""
-        back = Filter.of(self.model, run.method)
-
-        def step(ahead: FilterState, y: Array) -> tuple[FilterState, tuple[Belief, Belief]]:
-            state = back.update(ahead, y, None)[0]
-            return back.predict(state, None), (ahead.belief, state.belief)
-
-        before, filtered = series.scan(step, back.init(), y, reverse=True)[1]
-        m, n = forward.mean[:, 0], before.mean[:, 0]
-        v, w = (jax.vmap(lambda belief: belief.std[0] ** 2)(beliefs) for beliefs in (forward, before))
-        return {B: filtered.mean[:, 0], S: (m * w + n * v) / (v + w)}
 
 
 def smoothers(nets: Networks, initial: sp.Gaussian) -> dict[str, tuple[Method, Any]]:
@@ -187,7 +132,8 @@ def measured(task: Task, runs: int, epochs: int, key: Array, only: Sequence[str]
         initial = noisy_series.stationary(clean, order)
         assert nets is not None
         model = noisy_series.model(nets.forward, nets.left[0], jnp.asarray(NOISE), initial)
-        kept.append({name: errors(model, y[:, None], test, *each) for name, each in smoothers(nets, initial).items()})
+        chosen = {name: each for name, each in smoothers(nets, initial).items() if only is None or name in only}
+        kept.append({name: errors(model, y[:, None], test, *each) for name, each in chosen.items()})
     return {
         name: {stage: np.array([float(one[name][stage]) for one in kept]) for stage in kept[0][name]}
         for name in kept[0]
