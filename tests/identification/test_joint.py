@@ -191,10 +191,6 @@ def test_what_is_no_parameter_is_said():
         sp.real(jnp.ones(2), jnp.ones(3))
     with pytest.raises(ValueError, match="theta has no unknown parameters"):
         sp.joint(_swing, {"k": "two"})
-    with pytest.raises(ValueError, match="build must be a function of theta"):
-        sp.joint(_swing(1.0), 1.0)
-    with pytest.raises(ValueError, match=r"build\(theta\) must be a sp.StateSpaceModel"):
-        sp.joint(lambda k: k, 1.0)
     with pytest.raises(ValueError, match="other drifts are for"):
         sp.joint(_swing, 1.0, sp.forgetting(0.99))
     with pytest.raises(ValueError, match="needs a floor"):
