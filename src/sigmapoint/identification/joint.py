@@ -167,7 +167,7 @@ def _covariances(drift: Any, L: int, dtype: Any) -> Float[Array, "*K L L"]:
         if steps * L * L > LONGEST:
             raise ValueError(f"joint: this drift takes {steps} steps to reach its floor; with {L} parameters, too many")
         q = jnp.maximum(drift.q * drift.rate ** jnp.arange(steps, dtype=dtype), drift.floor)
-        return (q[:, None, None] if steps > 1 else q[0]) * jnp.eye(L, dtype=dtype)
+        return jnp.multiply.outer(q if steps > 1 else q[0], jnp.eye(L, dtype=dtype))
     given = checks.array("drift", drift).astype(dtype)
     if given.shape not in ((), (L,), (L, L)):
         raise ValueError(f"drift must be a variance, variances ({L},) or a covariance ({L}, {L}), got {given.shape}")

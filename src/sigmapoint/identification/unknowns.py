@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 from sigmapoint import checks
 from sigmapoint.noise import Gaussian
 from sigmapoint.results import Posterior
+from sigmapoint.step import FilterState
 
 BAR = 2.0
 """Standard deviations to either end of an interval."""
@@ -264,16 +265,16 @@ class Estimates(NamedTuple):
         return cls(at(0.0), half, at(-BAR), at(BAR))
 
 
-def estimates(theta: Any, post: Posterior) -> Estimates:
+def estimates(theta: Any, post: Posterior | FilterState) -> Estimates:
     """What a result of `joint` says of the parameters, in their own units.
 
     Args:
         theta: as given to `joint`.
-        post: what `filter`, `smooth` or `batch` made of its model; `mean` and `std` must have been kept.
+        post: what `filter`, `smooth` or `batch` made of its model, with `mean` and `std` kept; or a state of `online`.
 
     Returns:
-        `Estimates`: value, standard deviation and a 95 % interval, each a pytree like the parameters whose leaves have
-        a leading axis T.
+        `Estimates`: value, standard deviation and a 95 % interval, each a pytree like the parameters; of a series, its
+        leaves have a leading axis T.
 
     Raises:
         ValueError: a result without `mean` and `std`, or with fewer states than there are parameters.
