@@ -138,8 +138,8 @@ def findings(found: Results) -> Sequence[str]:
         f"on the same runs, at {NYQUIST.text}: {decided(gain(found[NYQUIST]))}.",
         f"More runs within 1 % of both by the UKF than by the EKF, in percentage points: {gains}.",
         "Exactly at Nyquist the second mode only changes its sign from sample to sample, and that it does neither more "
-        "nor less says that ω2 is at Nyquist. A little above, the samples beat, and a frequency as far on the other side "
-        f"fits as well with the phase reversed. At {ABOVE.text} "
+        "nor less says that ω2 is at Nyquist. A little above, the samples beat, and a frequency as far on the other "
+        f"side fits as well with the phase reversed. At {ABOVE.text} "
         + ", ".join(
             f"{mirrored(ABOVE, found[ABOVE][name]).value:.1%} of the runs end there by the {name}" for name in QUICK
         )
