@@ -10,13 +10,15 @@ from sigmapoint.diagnostics import diagnose
 from sigmapoint.filtering import filter
 from sigmapoint.fixed_lag import LaggedState, OnlineSmoother, fixed_lag, online_smoother
 from sigmapoint.identification.costs import maximum_likelihood, prediction_error
-from sigmapoint.identification.dual import Dual, DualResult, DualState, dual
+from sigmapoint.identification.dual import Dual, dual
+from sigmapoint.identification.dual_results import DualResult, DualState
 from sigmapoint.identification.em import EM, em
+from sigmapoint.identification.estimates import Estimates, estimates
 from sigmapoint.identification.fit import ModelFit, fit
 from sigmapoint.identification.joint import joint
 from sigmapoint.identification.likelihood import LogPosterior, log_posterior
 from sigmapoint.identification.maximization import diagonal, full, tied
-from sigmapoint.identification.unknowns import Estimates, Unknown, bounded, estimates, positive, real
+from sigmapoint.identification.unknown import Unknown, bounded, positive, real
 from sigmapoint.learning.drift import annealed, fixed, forgetting, on_diagonal, robbins_monro
 from sigmapoint.learning.learner import Learner, learner
 from sigmapoint.learning.measurement_noise import learned_noise

@@ -202,8 +202,8 @@ def findings(found: Mapping[str, Errors]) -> Sequence[str]:
         if "UKF, RTS" in each:
             rts = less(("UKS", S), ("UKF, RTS", S))
             said.append(
-                f"{name}, not in the papers: looking back from what was filtered (Rauch-Tung-Striebel) is better than a "
-                f"second filter by {rts.value:.3f} ± {rts.spread:.3f}, and needs no backward network."
+                f"{name}, not in the papers: looking back from what was filtered (Rauch-Tung-Striebel) is better than "
+                f"a second filter by {rts.value:.3f} ± {rts.spread:.3f}, and needs no backward network."
             )
     return said
 

@@ -8,21 +8,23 @@ Kalman Filter" (2001), section 7.5.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array
 
 from sigmapoint import checks, data_checks, filtering, series
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.carry import Redraw
 from sigmapoint.identification.cell import Cell, Sample
 from sigmapoint.identification.costs import Cost, Seen, prediction_error
+from sigmapoint.identification.dual_results import DualHistory, DualResult, DualState, root
+from sigmapoint.identification.estimates import Estimates
 from sigmapoint.identification.joint import built
-from sigmapoint.identification.unknowns import Estimates, Unknowns
+from sigmapoint.identification.unknowns import Unknowns
 from sigmapoint.learning.drift import Drift
 from sigmapoint.learning.learner import fitting
 from sigmapoint.learning.parameters import Parameters
@@ -33,62 +35,6 @@ from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.results import Posterior
 from sigmapoint.step import Info
-
-
-class DualState(eqx.Module):
-    """What is known after so many samples: of the state at the instant of the last one, and of the parameters."""
-
-    cell: Cell
-    learner: LearnerState
-    """of the parameters, as the vector z; its memory is the belief of the state filter"""
-    previous: Any
-    """the input of the last sample"""
-    step: Int[Array, ""]
-    """number of samples of the series that were taken in"""
-
-    @property
-    def mean(self) -> Float[Array, " d"]:
-        """Of the state, in its units."""
-        return self.learner.memory.mean[: self.cell.point]
-
-    @property
-    def cov(self) -> Float[Array, "n n"]:
-        """Covariance of the state, in products of its units, with what the parameters leave open (to first order)."""
-        root = _root(self.cell, self.learner)
-        return root @ root.T
-
-    @property
-    def std(self) -> Float[Array, " n"]:
-        """Standard deviations of the state's elements, in their units, likewise."""
-        return norm_rows(_root(self.cell, self.learner))
-
-    @property
-    def theta(self) -> Estimates:
-        """Of the parameters, in their own units."""
-        return Estimates.of(self.cell.unknowns, self.learner.mean, self.learner.std)
-
-
-class DualHistory(NamedTuple):
-    """What the epochs looked like; every sample was predicted before anything was learned from it."""
-
-    mse: Float[np.ndarray, " E"]
-    """mean squared innovation of a measured element, in squared units of the measurement"""
-    log_likelihood: Float[np.ndarray, " E"]
-    """natural logarithm of the density of all measurements, by the state filter"""
-
-
-class DualResult(NamedTuple):
-    """States and parameters over a series, in the last epoch; made by `Dual.filter`."""
-
-    post: Posterior
-    """States; innovations, their covariance and NIS by the parameters as they were estimated before the sample."""
-    theta: Estimates
-    """Parameters after each sample, in their own units; leaves have a leading axis T."""
-    params: Any
-    """the parameters at the end, as `build` takes them"""
-    state: DualState
-    """at the end, to go on from"""
-    history: DualHistory
 
 
 class Dual(eqx.Module):
@@ -202,12 +148,6 @@ class Dual(eqx.Module):
         )
 
 
-def _root(cell: Cell, learner: LearnerState) -> Float[Array, "n k"]:
-    """Of the state's covariance: that of its filter, and what the parameters leave open."""
-    own = cell.belief(learner.memory.mean).factor
-    return jnp.concatenate([own, learner.memory.slope[: cell.directions] @ learner.factor], axis=1)
-
-
 def _sampled(dual: Dual, learner: LearnerState, sample: Sample) -> tuple[LearnerState, Info]:
     info = dual.cell.step(dual.parameters.tree(learner.mean), learner.memory.mean, sample)[1]
     present = Seen.of(info)
@@ -225,8 +165,8 @@ def _epoch(dual: Dual, learner: LearnerState, samples: Sample) -> tuple[LearnerS
 
     def step(learner: LearnerState, sample: Sample) -> tuple[LearnerState, dict[str, Array]]:
         learner, info = _sampled(dual, learner, sample)
-        root = _root(dual.cell, learner)
-        state = {"mean": learner.memory.mean[: dual.cell.point], "cov": root @ root.T, "std": norm_rows(root)}
+        spread = root(dual.cell, learner)
+        state = {"mean": learner.memory.mean[: dual.cell.point], "cov": spread @ spread.T, "std": norm_rows(spread)}
         return learner, {**state, **info._asdict(), "z": learner.mean, "z_std": learner.std}
 
     learner, kept = series.scan(step, learner._replace(memory=dual.setup.initial_memory), samples)

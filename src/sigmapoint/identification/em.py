@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Float
 
 from sigmapoint import checks
-from sigmapoint.batching import stacked
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import fitting
 from sigmapoint.identification.joint import built
@@ -23,6 +22,7 @@ from sigmapoint.identification.unknowns import Unknowns
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive
+from sigmapoint.ragged import stacked
 
 
 class EM(NamedTuple):

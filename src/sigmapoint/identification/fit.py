@@ -19,10 +19,11 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks
 from sigmapoint.blackbox import NoDerivative
+from sigmapoint.identification.estimates import Estimates
 from sigmapoint.identification.joint import built
 from sigmapoint.identification.likelihood import LogPosterior, log_posterior
 from sigmapoint.identification.profile import Profile, plot_profiles
-from sigmapoint.identification.unknowns import Estimates, Unknowns
+from sigmapoint.identification.unknowns import Unknowns
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 

@@ -18,12 +18,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sigmapoint import checks
-from sigmapoint.batching import of_each, stacked
+from sigmapoint.batching import of_each
 from sigmapoint.filtering import fitting, scan
 from sigmapoint.identification.joint import built
 from sigmapoint.identification.unknowns import Unknowns
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.ragged import stacked
 from sigmapoint.step import LOG_2PI, Filter
 
 

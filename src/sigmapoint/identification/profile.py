@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sigmapoint import checks
-from sigmapoint.identification.unknowns import BAR
+from sigmapoint.identification.estimates import BAR
 
 
 class Profile(NamedTuple):

@@ -18,7 +18,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import sigmapoint as sp
-from sigmapoint.identification.unknowns import Estimates, Unknowns
+from sigmapoint.identification.estimates import Estimates
+from sigmapoint.identification.unknowns import Unknowns
 from sigmapoint.methods import Method
 from sigmapoint.problems import pendulum
 from sigmapoint.problems.pendulum import STEP, TRUTH, Parameters

@@ -1,0 +1,76 @@
+"""What the two coupled filters of `dual` know, and what they make of a series."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from sigmapoint.identification.cell import Cell
+from sigmapoint.identification.estimates import Estimates
+from sigmapoint.learning.state import LearnerState
+from sigmapoint.linalg import norm_rows
+from sigmapoint.results import Posterior
+
+
+def root(cell: Cell, learner: LearnerState) -> Float[Array, "n k"]:
+    """Of the state's covariance: that of its filter, and what the parameters leave open."""
+    own = cell.belief(learner.memory.mean).factor
+    return jnp.concatenate([own, learner.memory.slope[: cell.directions] @ learner.factor], axis=1)
+
+
+class DualState(eqx.Module):
+    """What is known after so many samples: of the state at the instant of the last one, and of the parameters."""
+
+    cell: Cell
+    learner: LearnerState
+    """of the parameters, as the vector z; its memory is the belief of the state filter"""
+    previous: Any
+    """the input of the last sample"""
+    step: Int[Array, ""]
+    """number of samples of the series that were taken in"""
+
+    @property
+    def mean(self) -> Float[Array, " d"]:
+        """Of the state, in its units."""
+        return self.learner.memory.mean[: self.cell.point]
+
+    @property
+    def cov(self) -> Float[Array, "n n"]:
+        """Covariance of the state, in products of its units, with what the parameters leave open (to first order)."""
+        spread = root(self.cell, self.learner)
+        return spread @ spread.T
+
+    @property
+    def std(self) -> Float[Array, " n"]:
+        """Standard deviations of the state's elements, in their units, likewise."""
+        return norm_rows(root(self.cell, self.learner))
+
+    @property
+    def theta(self) -> Estimates:
+        """Of the parameters, in their own units."""
+        return Estimates.of(self.cell.unknowns, self.learner.mean, self.learner.std)
+
+
+class DualHistory(NamedTuple):
+    """What the epochs looked like; every sample was predicted before anything was learned from it."""
+
+    mse: Float[np.ndarray, " E"]
+    """mean squared innovation of a measured element, in squared units of the measurement"""
+    log_likelihood: Float[np.ndarray, " E"]
+    """natural logarithm of the density of all measurements, by the state filter"""
+
+
+class DualResult(NamedTuple):
+    """States and parameters over a series, in the last epoch; made by `Dual.filter`."""
+
+    post: Posterior
+    """States; innovations, their covariance and NIS by the parameters as they were estimated before the sample."""
+    theta: Estimates
+    """Parameters after each sample, in their own units; leaves have a leading axis T."""
+    params: Any
+    """the parameters at the end, as `build` takes them"""
+    state: DualState
+    """at the end, to go on from"""
+    history: DualHistory

@@ -1,0 +1,135 @@
+"""One unknown parameter: what is known of it, and where it can be.
+
+A parameter that is bound to a range is a monotone function of an unbounded z with a prior of mean 0 and variance 1, so
+that quantiles go through it as they are: an interval of z is one of the parameter.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from sigmapoint import checks
+
+
+@runtime_checkable
+class Range(Protocol):
+    """Where a parameter can be: a monotone function of what is unbounded, and what that is close to a value."""
+
+    def value(self, center: Array, std: Array, z: Array) -> Array:
+        """The parameter at `z`: `center` at 0, and from there on about `std` for each unit."""
+        ...
+
+
+@dataclass(frozen=True)
+class Real:
+    """Anywhere."""
+
+    def value(self, center: Array, std: Array, z: Array) -> Array:
+        return center + std * z
+
+
+@dataclass(frozen=True)
+class Positive:
+    """Above zero, by the exponential."""
+
+    def value(self, center: Array, std: Array, z: Array) -> Array:
+        return center * jnp.exp(std / center * z)
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """Between two numbers, by the logistic function."""
+
+    low: float
+    high: float
+
+    def value(self, center: Array, std: Array, z: Array) -> Array:
+        part = (center - self.low) / (self.high - self.low)
+        slope = std / (self.high - self.low) / (part * (1 - part))
+        return self.low + (self.high - self.low) * jax.nn.sigmoid(jax.scipy.special.logit(part) + slope * z)
+
+
+class Unknown(eqx.Module):
+    """One unknown parameter, of any shape; made by `real`, `positive` or `bounded`."""
+
+    center: Float[Array, "..."]
+    std: Float[Array, "..."]
+    range: Range = eqx.field(static=True)
+
+
+def real(value: Any, std: Any) -> Unknown:
+    """An unknown parameter that may be any number.
+
+    Args:
+        value: what it is thought to be, a number or an array, in its own units.
+        std: how far off that may be, in the same units: one number, or one for each element.
+
+    Raises:
+        ValueError: values that are not finite, a deviation that is not positive.
+
+    Examples:
+        >>> import sigmapoint as sp
+        >>> float(sp.real(2.0, 0.5).std)
+        0.5
+    """
+    return _unknown(value, std, Real(), -np.inf, np.inf)
+
+
+def positive(value: Any, std: Any) -> Unknown:
+    """An unknown parameter that is greater than zero: its logarithm is Gaussian, with deviation `std / value`.
+
+    Args:
+        value: what it is thought to be (the median of the prior), a number or an array, in its own units.
+        std: how far off that may be, in the same units: one number, or one for each element.
+
+    Raises:
+        ValueError: values that are not positive or not finite, a deviation that is not positive.
+
+    Examples:
+        >>> import sigmapoint as sp
+        >>> float(sp.positive(0.02, 0.01).center)
+        0.02
+    """
+    return _unknown(value, std, Positive(), 0.0, np.inf)
+
+
+def bounded(value: Any, std: Any, low: float, high: float) -> Unknown:
+    """An unknown parameter between two numbers.
+
+    Args:
+        value: what it is thought to be (the median of the prior), a number or an array, in its own units.
+        std: how far off that may be, in the same units, where the bounds are far: one number, or one for each element.
+        low: where it ends.
+        high: where it ends.
+
+    Raises:
+        ValueError: values that are not between the bounds, a deviation that is not positive.
+
+    Examples:
+        >>> import sigmapoint as sp
+        >>> sp.bounded(0.9, 0.05, low=0.0, high=1.0).range
+        Bounded(low=0.0, high=1.0)
+    """
+    low, high = checks.number("low", low), checks.number("high", high)
+    return _unknown(value, std, Bounded(low, high), low, high)
+
+
+def _unknown(value: Any, std: Any, range: Range, low: float, high: float) -> Unknown:
+    center = checks.array("value", value)
+    std = checks.array("std", std).astype(center.dtype)
+    try:
+        std = jnp.broadcast_to(std, center.shape)
+    except ValueError:
+        raise ValueError(f"std of shape {std.shape} does not fit a value of shape {center.shape}") from None
+    checks.finite("value", center)
+    checks.finite("std", std)
+    if checks.known(center) and not ((np.asarray(center) > low) & (np.asarray(center) < high)).all():
+        raise ValueError(f"value must be between {low:g} and {high:g}, got {np.asarray(center).tolist()}")
+    if checks.known(std) and not (np.asarray(std) > 0).all():
+        raise ValueError(f"std must be greater than zero, got {np.asarray(std).tolist()}; what is known is no unknown")
+    return Unknown(center, std, range)
