@@ -92,8 +92,8 @@ def positive(value: Any, std: Any) -> Unknown:
 
     Examples:
         >>> import sigmapoint as sp
-        >>> float(sp.positive(0.02, 0.01).center)
-        0.02
+        >>> float(sp.positive(0.5, 0.1).center)
+        0.5
     """
     return _unknown(value, std, Positive(), 0.0, np.inf)
 
