@@ -159,6 +159,7 @@ def log_posterior(
     method = fitting(model, method)
     y, u, lengths = stacked(model, y, u)
     differ = lengths.min() < lengths.max()
+    one = jnp.ones((), unknowns.prior.mean.dtype)
     return LogPosterior(build, unknowns, y, u, jnp.asarray(lengths) if differ else None, method, one)
 
 
