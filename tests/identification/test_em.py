@@ -209,3 +209,20 @@ def test_what_cannot_be_learned_so_is_said():
         sp.em(model, y, steps=0)
     with pytest.warns(UserWarning, match="not converged in 1 steps"):
         sp.em(model, y, steps=1)
+
+
+def test_parameters_of_any_size_are_learned():
+    def build(t):
+        return sp.StateSpaceModel(
+            lambda x, u: 0.9 * x + t["small"] * 1e9 * u[:1] + t["large"] * 1e-6 * u[1:], lambda x, u: x,
+            1e-3 * jnp.eye(1), 1e-3 * jnp.eye(1), sp.Gaussian(jnp.zeros(1), jnp.eye(1)),
+        )  # fmt: skip
+
+    u = jax.random.normal(jax.random.key(0), (200, 2))
+    true = {"small": jnp.array(1.5e-9), "large": jnp.array(0.7e6)}
+    y = sp.simulate(build(true), 200, key=3, u=u)[1]
+    theta, kept = {"small": sp.positive(1e-9, 1e-9), "large": 1e6}, {"process_noise": None, "initial": None}
+    found = sp.em(build, y, u, theta=theta, **kept, tolerance=1e-6, steps=500)
+    assert (np.diff(found.log_likelihood) > -1e-9 * np.abs(found.log_likelihood[1:])).all()
+    for name, value in true.items():
+        assert abs(found.theta[name] / value - 1) < 0.02
