@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sigmapoint import checks, series
+from sigmapoint import checks, data_checks, series
 from sigmapoint.belief import Belief
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import fields, fitting, scan
@@ -127,6 +127,7 @@ class OnlineSmoother:
     def predict(self, state: LaggedState, u: Any = None) -> LaggedState:
         """Go on to the next instant; arguments and errors as those of `OnlineFilter.predict`."""
         checks.instance("state", state, LaggedState, "from init(), update() or predict()")
+        u = jax.tree.map(jnp.asarray, data_checks.inputs(u, None, self._model.initial.mean.dtype))
         after = self._filter.predict(state.filter, u)
         return unwrapped(_pushed, self._model, self._method, state, after, u)
 

@@ -52,6 +52,8 @@ def concatenated(ys: Sequence[Any], us: Any) -> Ragged:
     """
     if not ys:
         raise ValueError("y is an empty list: at least one series is needed")
+    for i, y in enumerate(ys):
+        checks.unmasked(f"y[{i}]", y)
     made = [np.asarray(y) for y in ys]
     for i, y in enumerate(made):
         if y.ndim != 2 or not y.shape[0] or y.shape[1] != made[0].shape[-1]:

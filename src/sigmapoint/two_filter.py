@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint import affine, checks, parallel, series
+from sigmapoint import affine, checks, data_checks, parallel, series
 from sigmapoint.affine import Affine
 from sigmapoint.belief import Belief, Spread, SquareRoot
 from sigmapoint.carry import known
@@ -110,6 +110,12 @@ class Backward(Smoother, eqx.Module):
     def filtered(self, run: Filter, y: Array, u: Any, real: Array | None = None) -> tuple[Belief, Belief]:
         """Beliefs about every state from the measurements after it, and from those and its own."""
         forward = run.model
+        if self.initial.mean.shape != forward.initial.mean.shape:
+            raise ValueError(
+                f"two_filter: initial must have a mean of shape {forward.initial.mean.shape}, as the states of the model, "
+                f"got {self.initial.mean.shape}"
+            )
+        data_checks.long_enough(y.shape[0] - 1, noise=self.noise)
         back = Filter.of(
             StateSpaceModel(
                 self.dynamics,

@@ -205,6 +205,17 @@ def test_what_cannot_be_learned_so_is_said():
     )
     with pytest.raises(ValueError, match="changes with time"):
         sp.em(changing, y)
+    kept = {"process_noise": None, "observation_noise": None, "initial": None}
+    with pytest.raises(ValueError, match="changes with time: use sp.fit"):
+        sp.em(lambda theta: changing, y, theta=1.0, **kept)
+    with pytest.raises(ValueError, match="is not finite: start from another"):
+        sp.em(_model(START._replace(m0=np.full(2, 1e200))), y)
+    boxed = sp.StateSpaceModel(sp.blackbox(lambda x, *_: A @ x), model.observation, START.Q, START.R, model.initial)
+    with pytest.raises(ValueError, match="a blackbox has no derivative, which em needs for theta"):
+        sp.em(lambda theta: boxed, y, theta=1.0, **kept)
+    masked = [np.ma.masked_array(np.ones((3, 2)), np.eye(3, 2))]
+    with pytest.raises(ValueError, match="must not be a masked array"):
+        sp.em(model, masked)
     with pytest.raises(ValueError, match="steps must be a whole number"):
         sp.em(model, y, steps=0)
     with pytest.warns(UserWarning, match="not converged in 1 steps"):

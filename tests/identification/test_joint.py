@@ -185,6 +185,9 @@ def test_what_is_no_parameter_is_said():
         sp.positive(-1.0, 1.0)
     with pytest.raises(ValueError, match="value must be between 0 and 1"):
         sp.bounded(1.0, 0.1, 0.0, 1.0)
+    for low, high in ((1.0, 0.0), (0.0, jnp.inf), (1.0, 1.0)):
+        with pytest.raises(ValueError, match="low and high must be finite, low below high"):
+            sp.bounded(0.5, 0.1, low, high)
     with pytest.raises(ValueError, match="std must be greater than zero"):
         sp.real(1.0, 0.0)
     with pytest.raises(ValueError, match="does not fit a value"):
@@ -202,3 +205,22 @@ def test_what_is_no_parameter_is_said():
     post = sp.filter(_swing(1.0), jnp.ones((3, 1)), keep=("mean",))
     with pytest.raises(ValueError, match="estimates: the result has no mean or no std"):
         sp.estimates(1.0, post)
+
+
+def test_what_is_no_parameter_goes_along_and_states_keep_their_precision():
+    theta = {"k": sp.real(jnp.asarray(1.5, jnp.float32), 0.5), "shape": jnp.sin, "on": True}
+
+    def build(t):
+        assert t["on"] is True
+        return sp.StateSpaceModel(
+            lambda x, u: x + 0.1 * t["shape"](x) * t["k"].astype(float), lambda x, u: x, 1e-3 * jnp.eye(1),
+            1e-2 * jnp.eye(1), sp.Gaussian(jnp.ones(1), jnp.eye(1)),
+        )  # fmt: skip
+
+    model = sp.joint(build, theta)
+    post = sp.filter(model, jnp.ones((5, 1)))
+    found = sp.estimates(theta, post)
+    assert found.value["shape"] is jnp.sin
+    assert found.value["k"].shape == (5,)
+    x = jnp.array([0.56172839, 0.0])
+    assert model.dynamics(x, None)[0] == build({**theta, "k": jnp.asarray(1.5)}).dynamics(x[:1], None)[0]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import sigmapoint as sp
+from sigmapoint.identification.profile import Profile
 
 THETA = {"q": sp.positive(0.5, 0.5), "r": sp.positive(0.2, 0.1)}
 METHOD = sp.srekf()
@@ -113,3 +114,10 @@ def test_a_start_without_a_likelihood_is_named():
 
     with pytest.raises(ValueError, match="not finite at the start, the centre of theta"):
         sp.fit(undefined, sp.real(0.5, 0.1), Y[0], method=METHOD)
+
+
+def test_a_profile_ends_where_it_first_falls_by_two():
+    fall = np.array([-5.0, -1.0, -3.0, 0.0, -3.0, -1.0, -5.0])
+    low, high = Profile("a", np.arange(7.0), fall, 0.0).interval
+    np.testing.assert_allclose([low, high], [3 - 2 / 6**0.5, 3 + 2 / 6**0.5])
+    assert np.isnan(Profile("a", np.arange(7.0), fall / 10, 0.0).interval).all()

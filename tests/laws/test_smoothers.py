@@ -114,6 +114,7 @@ def test_live_it_is_the_same(method):
     offline = sp.smooth(model, y, u, method, smoother=sp.fixed_lag(lag))
     live = sp.online_smoother(model, lag, method)
     state = live.init()
+    u = [float(value) for value in u]
     for k in range(12):
         state, _ = live.update(state, y[k], u[k])
         window = live.smoothed(state)
@@ -221,5 +222,11 @@ def test_what_cannot_be_smoothed_so_is_said():
         sp.two_filter(lambda x, u: x, noise=eye)
     with pytest.raises(ValueError, match="noise has a negative variance"):
         sp.two_filter(lambda x, u: x, noise=-eye, initial=sp.Gaussian(jnp.zeros(1), eye))
+    short = sp.two_filter(lambda x, u: x, noise=jnp.tile(jnp.eye(2), (2, 1, 1)), initial=_pendulum().initial)
+    with pytest.raises(ValueError, match="noise is given for 2 instants"):
+        sp.smooth(_pendulum(), jnp.ones((6, 1)), jnp.zeros(6), smoother=short)
+    other = sp.two_filter(lambda x, u: x, noise=jnp.eye(2), initial=sp.Gaussian(jnp.zeros(3), jnp.eye(3)))
+    with pytest.raises(ValueError, match="initial must have a mean of shape"):
+        sp.smooth(_pendulum(), jnp.ones((6, 1)), jnp.zeros(6), smoother=other)
     with pytest.raises(ValueError, match="draws must be a whole number"):
         sp.trajectories(_pendulum(), jnp.ones((3, 1)), jnp.zeros(3), key=0, draws=0)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sigmapoint import checks
-from sigmapoint.blackbox import unwrapped
+from sigmapoint.blackbox import NoDerivative, unwrapped
 from sigmapoint.filtering import fitting
 from sigmapoint.identification.joint import built
 from sigmapoint.identification.maximization import Constant, Found, Problem, Structure, full, maximized
@@ -71,7 +71,9 @@ def em(
         An `EM`: the model, `theta`, the log-likelihood step by step, and whether it has converged.
 
     Raises:
-        ValueError: as `filter`; nothing to learn, or noises to learn that are not additive or change with time.
+        ValueError: as `filter`; nothing to learn; noises to learn, or beside parameters, that are not additive or change
+            with time; a likelihood that is not finite at the start; parameters of a black box.
+        ImportError: parameters, and optimistix is not installed (`pip install sigmapoint[fit]`).
 
     Warns where the likelihood has fallen (the approximation of the filter is too coarse to go on; the best model so far
     is returned), and where there were not enough steps.
@@ -95,11 +97,15 @@ def em(
     count = int(np.sum(~np.isnan(np.asarray(y))))
     if not count:
         raise ValueError("y has no measurements: every element is NaN")
+    if theta is not None:
+        checks.extra("optimistix", "em with theta", "fit")
     real = np.arange(y.shape[1]) < lengths[:, None]
     found, best, history = start, start, []
     for _ in range(steps + 1):
-        after, value = unwrapped(maximized, problem, found, y, u, real)
+        after, value = _maximized(problem, found, y, u, real)
         history.append(float(value))
+        if not np.isfinite(history[0]):
+            raise ValueError("em: the log-likelihood of the model to start with is not finite: start from another")
         best = found if history[-1] >= max(history) else best
         if _ended(history, tolerance * count):
             break
@@ -108,6 +114,16 @@ def em(
     converged = not fallen and _ended(history, tolerance * count)
     _warn(fallen, converged, history, steps)
     return EM(problem.model(best), problem.theta(best), np.array(history), converged)
+
+
+def _maximized(problem: Problem, found: Found, *data: Any) -> tuple[Found, Any]:
+    try:
+        return unwrapped(maximized, problem, found, *data)
+    except NoDerivative as error:
+        raise ValueError(
+            "em: a blackbox has no derivative, which em needs for theta: use sp.joint for its parameters, or write the "
+            "function in JAX; its noises are learned without theta"
+        ) from error
 
 
 def _ended(history: list[float], enough: float) -> bool:
@@ -157,8 +173,9 @@ def _problem(
         noise: Any = getattr(given, name)
         if (structure is not None or z is not None) and not isinstance(noise, Additive):
             raise ValueError(f"em: the {name} of the model is not additive; sp.fit learns such models")
-        if structure is not None and noise.cov.ndim == 3:
-            raise ValueError(f"em: the {name} of the model changes with time: keep it, {name}=None, or use sp.fit")
+        if (structure is not None or z is not None) and noise.cov.ndim == 3:
+            hint = f"keep it, {name}=None, or use sp.fit" if z is None else "use sp.fit"
+            raise ValueError(f"em: the {name} of the model changes with time: {hint}")
     if z is None and process is None and observation is None and initial is None:
         raise ValueError("em: nothing is left to learn; give theta, or a structure for one of the noises")
     found = Found(

@@ -34,11 +34,11 @@ class Estimates(NamedTuple):
 
         def at(distance: float) -> Any:
             z = flat_mean + distance * flat_std if distance else flat_mean
-            found = jax.vmap(unknowns.tree, out_axes=0)(z)
+            found = jax.vmap(unknowns.tree.only)(z)
             return jax.tree.map(lambda a: jnp.reshape(a, (*lead, *jnp.shape(a)[1:])), found)
 
         half = jax.tree.map(lambda above, below: (above - below) / 2, at(1.0), at(-1.0))
-        return cls(at(0.0), half, at(-BAR), at(BAR))
+        return cls(*map(unknowns.tree.complete, (at(0.0), half, at(-BAR), at(BAR))))
 
 
 def estimates(theta: Any, post: Posterior | FilterState) -> Estimates:

@@ -70,12 +70,14 @@ def joint(build: Callable[[Any], StateSpaceModel], theta: Any, drift: Any = 0.0)
     """
     checks.function("build", build, "theta")
     unknowns = Unknowns.of(theta)
-    z0, L, dtype = unknowns.prior.mean, unknowns.size, unknowns.prior.mean.dtype
+    L = unknowns.size
 
     def model(z: Float[Array, " L"]) -> StateSpaceModel:
         return built(build, unknowns.tree(z))
 
-    at_prior = model(z0)
+    at_prior = model(unknowns.prior.mean)
+    dtype = at_prior.initial.mean.dtype  # the states', so that none is rounded to that of the parameters
+    z0, P = unknowns.prior.mean.astype(dtype), unknowns.prior.cov.astype(dtype)
     d, n = at_prior.initial.mean.shape[0], at_prior.initial.cov.shape[0]
     motion = _part(model, z0, "process_noise", lambda m: m.dynamics, lambda m: m.state_space)
     sight = _part(model, z0, "observation_noise", lambda m: m.observation, lambda m: m.observation_space)
@@ -95,7 +97,7 @@ def joint(build: Callable[[Any], StateSpaceModel], theta: Any, drift: Any = 0.0)
         observation,
         motion.kind(cov, mean),
         sight.kind(sight.cov, sight.mean),
-        _initial(model, unknowns),
+        _initial(model, z0, P),
         state_space=beside(at_prior.state_space, d, n),
         observation_space=at_prior.observation_space,
         state_names=(*at_prior.state_names, *(f"z.{name}" for name in unknowns.names)),
@@ -189,9 +191,8 @@ def _beside(motion: Part, drift: Array) -> tuple[Array, Array]:
     return cov, mean
 
 
-def _initial(model: Callable[[Array], StateSpaceModel], unknowns: Unknowns) -> Gaussian:
+def _initial(model: Callable[[Array], StateSpaceModel], z0: Float[Array, " L"], P: Float[Array, "L L"]) -> Gaussian:
     """States and parameters, correlated where the initial state depends on the parameters."""
-    z0, P = unknowns.prior.mean, unknowns.prior.cov
     start = model(z0)
 
     def moved(z: Array) -> Array:

@@ -32,9 +32,16 @@ class Profile(NamedTuple):
         """Where the log-likelihood is 2 below the best: two deviations of a Gaussian; NaN where it is not."""
         fall = np.sqrt(2 * np.maximum(self.best - self.log_likelihood, 0.0))
         peak = int(np.argmin(fall))
-        side = np.where(np.arange(len(fall)) < peak, -1.0, 1.0)
-        low, high = np.interp([-BAR, BAR], side * fall, self.value, left=np.nan, right=np.nan)
-        return float(low), float(high)
+        return _crossing(fall[peak::-1], self.value[peak::-1]), _crossing(fall[peak:], self.value[peak:])
+
+
+def _crossing(fall: np.ndarray, value: np.ndarray) -> float:
+    """The first place where the fall reaches `BAR`, going out from the peak; NaN where it does not."""
+    beyond = np.flatnonzero(fall > BAR)
+    if not beyond.size or not beyond[0]:
+        return float("nan")
+    ends = slice(beyond[0] - 1, beyond[0] + 1)
+    return float(np.interp(BAR, fall[ends], value[ends]))
 
 
 def plot_profiles(profiles: Sequence[Profile]) -> np.ndarray:

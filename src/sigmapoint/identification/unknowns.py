@@ -68,6 +68,12 @@ class _Vector(eqx.Module):
     def __call__(self, z: Float[Array, " L"]) -> Array:
         return z
 
+    def only(self, z: Float[Array, " L"]) -> Array:
+        return z
+
+    def complete(self, unknowns: Any) -> Any:
+        return unknowns
+
     def values(self, z: Float[Array, " L"]) -> Float[Array, " L"]:
         return z
 
@@ -79,12 +85,17 @@ class _Tree(eqx.Module):
     rest: Any
 
     def __call__(self, z: Float[Array, " L"]) -> Any:
-        return eqx.combine(self._unknowns(z), self.rest)
+        return self.complete(self.only(z))
+
+    def complete(self, unknowns: Any) -> Any:
+        """With what is no parameter in its place."""
+        return eqx.combine(unknowns, self.rest)
 
     def values(self, z: Float[Array, " L"]) -> Float[Array, " L"]:
-        return jnp.concatenate([jnp.ravel(leaf).astype(z.dtype) for leaf in jax.tree.leaves(self._unknowns(z))])
+        return jnp.concatenate([jnp.ravel(leaf).astype(z.dtype) for leaf in jax.tree.leaves(self.only(z))])
 
-    def _unknowns(self, z: Float[Array, " L"]) -> Any:
+    def only(self, z: Float[Array, " L"]) -> Any:
+        """The parameters, and nothing in place of what is none."""
         taken = 0
 
         def leaf(unknown: Unknown) -> Array:
