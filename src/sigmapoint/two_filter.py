@@ -112,8 +112,8 @@ class Backward(Smoother, eqx.Module):
         forward = run.model
         if self.initial.mean.shape != forward.initial.mean.shape:
             raise ValueError(
-                f"two_filter: initial must have a mean of shape {forward.initial.mean.shape}, as the states of the model, "
-                f"got {self.initial.mean.shape}"
+                f"two_filter: initial must have a mean of shape {forward.initial.mean.shape}, as the states of the "
+                f"model, got {self.initial.mean.shape}"
             )
         data_checks.long_enough(y.shape[0] - 1, noise=self.noise)
         back = Filter.of(

@@ -193,7 +193,7 @@ def test_what_cannot_be_learned_so_is_said():
         sp.em(model, y, process_noise=None, observation_noise=None, initial=None)
     with pytest.raises(ValueError, match="every element is NaN"):
         sp.em(model, jnp.full((4, 2), jnp.nan))
-    with pytest.raises(ValueError, match=r"model must be a StateSpaceModel"):
+    with pytest.raises(ValueError, match="model must be a"):
         sp.em(lambda theta: model, y)
     inside = sp.StateSpaceModel(
         lambda x, u, w: A @ x + w, model.observation, sp.NonAdditive(START.Q), START.R, model.initial
@@ -206,7 +206,7 @@ def test_what_cannot_be_learned_so_is_said():
     with pytest.raises(ValueError, match="changes with time"):
         sp.em(changing, y)
     kept = {"process_noise": None, "observation_noise": None, "initial": None}
-    with pytest.raises(ValueError, match="changes with time: use sp.fit"):
+    with pytest.raises(ValueError, match="changes with time: use"):
         sp.em(lambda theta: changing, y, theta=1.0, **kept)
     with pytest.raises(ValueError, match="is not finite: start from another"):
         sp.em(_model(START._replace(m0=np.full(2, 1e200))), y)

@@ -71,8 +71,8 @@ def em(
         An `EM`: the model, `theta`, the log-likelihood step by step, and whether it has converged.
 
     Raises:
-        ValueError: as `filter`; nothing to learn; noises to learn, or beside parameters, that are not additive or change
-            with time; a likelihood that is not finite at the start; parameters of a black box.
+        ValueError: as `filter`; nothing to learn; noises to learn, or beside parameters, that are not additive or
+            change with time; a likelihood that is not finite at the start; parameters of a black box.
         ImportError: parameters, and optimistix is not installed (`pip install sigmapoint[fit]`).
 
     Warns where the likelihood has fallen (the approximation of the filter is too coarse to go on; the best model so far

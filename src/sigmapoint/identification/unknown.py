@@ -108,8 +108,8 @@ def bounded(value: Any, std: Any, low: float, high: float) -> Unknown:
         high: where it ends.
 
     Raises:
-        ValueError: bounds that are not in order or not finite, values that are not between them, a deviation that is not
-            positive.
+        ValueError: bounds that are not in order or not finite, values that are not between them, a deviation that is
+            not positive.
 
     Examples:
         >>> import sigmapoint as sp
@@ -118,9 +118,7 @@ def bounded(value: Any, std: Any, low: float, high: float) -> Unknown:
     """
     low, high = checks.number("low", low), checks.number("high", high)
     if not -np.inf < low < high < np.inf:
-        raise ValueError(
-            f"low and high must be finite, low below high, got {low:g} and {high:g}; see sp.positive, sp.real"
-        )
+        raise ValueError(f"low and high must be finite, low below high, got {low:g} and {high:g}")
     return _unknown(value, std, Bounded(low, high), low, high)
 
 

@@ -102,7 +102,7 @@ class _Tree(eqx.Module):
             nonlocal taken
             part = z[taken : taken + unknown.center.size].reshape(unknown.center.shape)
             taken += unknown.center.size
-            return unknown.range.value(unknown.center, unknown.std, part)
+            return unknown.range.value(unknown.center, unknown.std, part.astype(unknown.center.dtype))
 
         return jax.tree.map(leaf, self.unknowns, is_leaf=_is_unknown)
 
