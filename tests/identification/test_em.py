@@ -210,9 +210,13 @@ def test_what_cannot_be_learned_so_is_said():
         sp.em(lambda theta: changing, y, theta=1.0, **kept)
     with pytest.raises(ValueError, match="is not finite: start from another"):
         sp.em(_model(START._replace(m0=np.full(2, 1e200))), y)
-    boxed = sp.StateSpaceModel(sp.blackbox(lambda x, *_: A @ x), model.observation, START.Q, START.R, model.initial)
+    box = sp.blackbox(lambda x, *_: A @ x)
+
+    def boxed(theta):
+        return sp.StateSpaceModel(lambda x, u: box(theta * x, u), model.observation, START.Q, START.R, model.initial)
+
     with pytest.raises(ValueError, match="a blackbox has no derivative, which em needs for theta"):
-        sp.em(lambda theta: boxed, y, theta=1.0, **kept)
+        sp.em(boxed, y, theta=1.0, **kept)
     masked = [np.ma.masked_array(np.ones((3, 2)), np.eye(3, 2))]
     with pytest.raises(ValueError, match="must not be a masked array"):
         sp.em(model, masked)
