@@ -71,7 +71,7 @@ def curve(estimate: Epochs, series: Series, epochs: int) -> Curve:
 def _curve(estimate: Epochs, series: Series, epochs: int) -> tuple[Array, Array]:
     def run(one: Series) -> tuple[Array, Array]:
         found = estimate(one, epochs)
-        return jnp.mean((found - one.clean) ** 2, axis=1) / jnp.var(one.clean), found[-1]
+        return jnp.mean((found - one.clean[None]) ** 2, axis=1) / jnp.var(one.clean), found[-1]
 
     return jax.lax.map(run, series)
 
