@@ -50,6 +50,10 @@ _ALL = (
     ),
     Experiment("rosenbrock", "a curved valley: filters beside Levenberg-Marquardt and BFGS", _lazily("rosenbrock")),
     Experiment("smoother", "two-filter smoothers of noisy series, with networks backward", _lazily("smoother")),
+    Experiment(
+        "dual-mackey-glass", "a noisy series and its unknown network: dual, joint", _lazily("dual_mackey_glass")
+    ),
+    Experiment("dual-ar", "the same with a chaotic autoregressive network, and EM", _lazily("dual_ar")),
     Experiment("modes", "natural frequencies of two masses, estimated with their motion", _lazily("modes")),
     Experiment(
         "pendulum-adaptive", "a pendulum held upright while its masses are learned", _lazily("pendulum_adaptive")

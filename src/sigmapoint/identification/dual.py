@@ -137,7 +137,7 @@ class Dual(eqx.Module):
         samples = Sample(jnp.arange(y.shape[0], dtype=int), y, u, before)
         learner, kept, history = state.learner, {}, np.empty((epochs, 2))
         for epoch in range(epochs):
-            learner, kept, history[epoch] = unwrapped(_epoch, self, learner, samples)
+            learner, kept, history[epoch] = unwrapped(through, self, learner, samples)
         last = jax.tree.map(lambda a: a[-1], u)
         return DualResult(
             Posterior.of(model, y, u, {**kept, "log_likelihood": jnp.sum(kept["log_likelihood"])}),
@@ -160,7 +160,7 @@ _estimates = eqx.filter_jit(Estimates.of)
 
 
 @eqx.filter_jit
-def _epoch(dual: Dual, learner: LearnerState, samples: Sample) -> tuple[LearnerState, dict[str, Array], Array]:
+def through(dual: Dual, learner: LearnerState, samples: Sample) -> tuple[LearnerState, dict[str, Array], Array]:
     """Once through a series."""
 
     def step(learner: LearnerState, sample: Sample) -> tuple[LearnerState, dict[str, Array]]:

@@ -76,8 +76,7 @@ def stationary(series: Float[Array, " T"], order: int) -> sp.Gaussian:
 @partial(jax.jit, static_argnames="samples")
 def drawn(samples: int, key: Array) -> Float[Array, " T"]:
     """A series of a chaotic network of its own."""
-    for_weights, for_noise = jax.random.split(key)
-    weights = chaotic(for_weights)
+    weights, for_noise = weights_of(key), jax.random.split(key)[1]
 
     def step(x: Array, v: Array) -> tuple[Array, Array]:
         x = Forward(weights)(x, None).at[0].add(DRIVE * v)
@@ -85,6 +84,17 @@ def drawn(samples: int, key: Array) -> Float[Array, " T"]:
 
     noise = jax.random.normal(for_noise, (SETTLED + samples,))
     return jax.lax.scan(step, jnp.zeros(ORDER), noise)[1][SETTLED:]
+
+
+def weights_of(key: Array) -> Parameters:
+    """The network of the series that this key draws."""
+    return chaotic(jax.random.split(key)[0])
+
+
+def rescaled(weights: Parameters, mean: Float[Array, ""], std: Float[Array, ""]) -> Parameters:
+    """The same network for the series less its mean, over its standard deviation."""
+    (hidden, bias), *inner, (out, offset) = weights
+    return [(hidden * std, bias + hidden.sum(1) * mean), *inner, (out / std, (offset - mean) / std)]
 
 
 def chaotic(key: Array) -> Parameters:
