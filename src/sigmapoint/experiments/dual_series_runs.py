@@ -115,7 +115,7 @@ def joint(method: Method, drift: float = FIXED) -> Epochs:
         def again(z: sp.Gaussian, _: None) -> tuple[sp.Gaussian, Array]:
             start = sp.Gaussian(jnp.concatenate([x.mean, z.mean]), jax.scipy.linalg.block_diag(x.cov, z.cov))
             run = Filter.of(eqx.tree_at(lambda m: m.initial, model, start), method)
-            found, _, ahead = scan(run, one.noisy[:, None], None, lambda state, _: state.belief.mean[0])
+            found, _likelihood, ahead = scan(run, one.noisy[:, None], None, lambda state, _: state.belief.mean[0])
             root = ahead.belief.factor[n:]
             return sp.Gaussian(ahead.belief.mean[n:], root @ root.T), found
 
