@@ -143,4 +143,4 @@ def same_elements(space: Space) -> bool:
     That of a manifold may have others: a rotation of one degree of freedom between two unit vectors of two elements, or
     the logarithm of a ratio.
     """
-    return isinstance(space, Euclidean | Angles)
+    return isinstance(space.space if isinstance(space, Beside) else space, Euclidean | Angles)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import sigmapoint as sp
+from sigmapoint import curves
 
 
 def _swing(k, dtype=float) -> sp.StateSpaceModel:
@@ -148,6 +149,8 @@ def test_angles_stay_angles_and_every_driver_works():
     model = sp.joint(build, theta)
     y = sp.simulate(build({"rate": 0.2}), 80, key=0)[1]
     assert model.state_names == ("heading", "z.rate")
+    assert curves.wraps(model.state_space, np.array([[3.1, 0.2], [-3.1, 0.2], [-2.9, 0.2]]), 0).tolist() == [1]
+    assert sp.filter(model, y).labels.directions(2).units == ("rad", "")
     smoothed = sp.estimates(theta, sp.smooth(model, y, smoother=sp.two_filter()))
     assert abs(smoothed.value["rate"][0] - 0.2) < 4 * smoothed.std["rate"][0]
     many = sp.batch(model, jnp.stack([y, y]))
