@@ -46,7 +46,7 @@ class Series(NamedTuple):
     start: Any
     """weights at first"""
     best: Any
-    """weights from the clean series"""
+    """weights that the clean series has, or those learned from it"""
 
 
 class Curve(NamedTuple):
@@ -115,7 +115,7 @@ def joint(method: Method, drift: float = FIXED) -> Epochs:
         def again(z: sp.Gaussian, _: None) -> tuple[sp.Gaussian, Array]:
             prior = sp.Gaussian(jnp.concatenate([x.mean, z.mean]), jax.scipy.linalg.block_diag(x.cov, z.cov))
             run = Filter.of(eqx.tree_at(lambda m: m.initial, model, prior), method)
-            found, _, ahead = scan(run, one.noisy[:, None], None, lambda state, _: state.belief.mean[0])
+            found, _log_likelihood, ahead = scan(run, one.noisy[:, None], None, lambda state, _: state.belief.mean[0])
             root = ahead.belief.factor[n:]
             return sp.Gaussian(ahead.belief.mean[n:], root @ root.T), found
 
@@ -144,7 +144,7 @@ def em(method: Method) -> Epochs:
 
 
 def known(method: Method) -> Epochs:
-    """The filter with the weights from the clean series, in a single epoch."""
+    """The filter with the best weights, in a single epoch."""
 
     def estimate(one: Series, epochs: int) -> Float[Array, "1 T"]:
         return filtered(build(one)(one.best), one.noisy, method)[None]
