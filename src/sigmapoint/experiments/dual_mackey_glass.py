@@ -1,7 +1,10 @@
 """The Mackey-Glass series through noise, with a 6-10-1 network; see `dual_series`.
 
 Joint filters have 87 states here; theirs are the dense forms, which give what the square-root ones do and took a
-thirtieth of the time. For the time it takes, the series is short; and no EM, which is with the smaller network.
+thirtieth of the time. The unscented one has its points √87 deviations out, the central-difference one √3.
+For the time that the dual filters take (7 to 9 ms a sample), the series has 200 samples and is taken six times; and no
+EM, which is with the smaller network. Where weights are known, they are those of a network trained on the clean series
+before.
 """
 
 from pathlib import Path

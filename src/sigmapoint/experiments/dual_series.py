@@ -29,7 +29,7 @@ RUNS, QUICK_RUNS = 10, 2
 QUICK_EPOCHS, QUICK_SAMPLES = 2, 200
 PART = 100
 """Samples in a picture."""
-REACHED = "SR-UKF, weights from the clean series"
+REACHED = "SR-UKF, weights known"
 KINDS = ("dual", "joint")
 
 Found: TypeAlias = Mapping[str, Curve]
@@ -149,7 +149,7 @@ def curves(found: Found, reached: Mean) -> Figure:
             axis.plot(epochs, mean, color=colour, label=name)
             axis.fill_between(epochs, mean - spread, mean + spread, color=colour, alpha=0.15, lw=0)
         axis.axhline(NOISE, color="0.6", lw=0.8, ls=":", label="the noise itself")
-        axis.axhline(reached.value, color="black", lw=0.8, ls="--", label="weights from the clean series")
+        axis.axhline(reached.value, color="black", lw=0.8, ls="--", label="weights known")
         axis.set_yscale("log")
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         axis.set_xlabel("epoch")

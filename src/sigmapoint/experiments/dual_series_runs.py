@@ -46,7 +46,7 @@ class Series(NamedTuple):
     start: Any
     """weights at first"""
     best: Any
-    """weights from the clean series"""
+    """weights that the clean series has, or those learned from it"""
 
 
 class Curve(NamedTuple):
@@ -144,7 +144,7 @@ def em(method: Method) -> Epochs:
 
 
 def known(method: Method) -> Epochs:
-    """The filter with the weights from the clean series, in a single epoch."""
+    """The filter with the best weights, in a single epoch."""
 
     def estimate(one: Series, epochs: int) -> Float[Array, "1 T"]:
         return filtered(build(one)(one.best), one.noisy, method)[None]

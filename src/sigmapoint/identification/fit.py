@@ -23,7 +23,6 @@ from sigmapoint.identification.estimates import Estimates
 from sigmapoint.identification.joint import built
 from sigmapoint.identification.likelihood import LogPosterior, log_posterior
 from sigmapoint.identification.profile import Profile, plot_profiles
-from sigmapoint.identification.unknowns import Unknowns
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 
@@ -93,7 +92,7 @@ class ModelFit(eqx.Module):
     def __str__(self) -> str:
         unknowns = self.posterior.unknowns
         std = jnp.sqrt(jnp.diagonal(self.z_cov))
-        found = Estimates.of(Unknowns(unknowns.prior, unknowns.tree.values, unknowns.names), self.z, std)
+        found = Estimates.of(unknowns.flat, self.z, std)
         rows = [("", "value", "std", "95 % interval")]
         for i, name in enumerate(self.names):
             value, spread, low, high = (f"{float(a[i]):.4g}" for a in found)

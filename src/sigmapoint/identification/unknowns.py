@@ -61,6 +61,25 @@ class Unknowns(eqx.Module):
         """The parameters at z in their own units, one after the other, as they are named."""
         return self.tree.values(z)
 
+    @property
+    def flat(self) -> "Unknowns":
+        """The same with the vector of `values` as its pytree."""
+        return Unknowns(self.prior, _Flat(self.tree), self.names)
+
+
+class _Flat(eqx.Module):
+    """z as the vector of the parameters of another pytree."""
+
+    tree: Any
+
+    def __call__(self, z: Float[Array, " L"]) -> Array:
+        return self.tree.values(z)
+
+    only = values = __call__
+
+    def complete(self, unknowns: Array) -> Array:
+        return unknowns
+
 
 class _Vector(eqx.Module):
     """z is the parameters."""
