@@ -68,7 +68,7 @@ def fraction(name: str, value: Any) -> float:
     return value
 
 
-def instance(name: str, value: Any, kind: type, maker: str = "") -> None:
+def instance(name: str, value: Any, kind: Any, maker: str = "") -> None:
     """An object of a class of this library; `maker` is how one is made, where users do not write the class."""
     if not isinstance(value, kind):
         hint = f"; call it: {name}=sp.{value.__name__}()" if callable(value) and hasattr(value, "__name__") else ""

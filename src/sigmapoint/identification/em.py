@@ -159,7 +159,9 @@ def _problem(
 ) -> tuple[Problem, Found]:
     """What is sought, and where it starts."""
     if theta is None:
-        checks.instance("model", model, StateSpaceModel, "a sp.StateSpaceModel, or a function of theta with theta=")
+        if not isinstance(model, StateSpaceModel):
+            expected = "a sp.StateSpaceModel, or a function of theta with theta=..."
+            raise ValueError(f"model must be {expected}, got {type(model).__name__}")
         given, unknowns, z = model, None, None
     else:
         checks.function("model", model, "theta")
@@ -168,7 +170,7 @@ def _problem(
         given = built(model, unknowns.tree(z))
     for name, structure in (("process_noise", process), ("observation_noise", observation), ("initial", initial)):
         if structure is not None:
-            checks.function(name, structure, "a second moment, such as sp.full,")
+            checks.function(name, structure, "a second moment, such as sp.full")
     for name, structure in (("process_noise", process), ("observation_noise", observation)):
         noise: Any = getattr(given, name)
         if (structure is not None or z is not None) and not isinstance(noise, Additive):
@@ -184,5 +186,5 @@ def _problem(
         None if observation is None else given.observation_noise.cov,
         None if initial is None else given.initial,
     )
-    source = Constant(given) if theta is None else model
+    source: Any = Constant(given) if theta is None else model
     return Problem(source, unknowns, fitting(given, method), process, observation, initial), found

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from sigmapoint import checks
 from sigmapoint.identification.unknowns import Unknowns
 from sigmapoint.results import Posterior
 from sigmapoint.step import FilterState
@@ -67,6 +68,7 @@ def estimates(theta: Any, post: Posterior | FilterState) -> Estimates:
         True
     """
     unknowns = Unknowns.of(theta)
+    checks.instance("post", post, Posterior | FilterState, "a result of sp.filter, sp.smooth, sp.batch or sp.online")
     if post.mean is None or post.std is None:
         raise ValueError("estimates: the result has no mean or no std: filter with both among keep=")
     if post.std.shape[-1] < unknowns.size:
