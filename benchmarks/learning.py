@@ -36,7 +36,7 @@ def problem(units: int, rows: int, dtype: Any = float) -> tuple[Any, Any, Any]:
     return jax.tree.map(lambda a: jnp.asarray(a, dtype), (w, *robot_arm.drawn(rows, jax.random.key(1))))
 
 
-def learned(method: sp.Method, w: Any, x: Any, d: Any, devices: Any = None) -> sp.Fit:
+def learned(method: sp.Method, w: Any, x: Any, d: Any, devices: Any = None) -> sp.Trained:
     """One epoch."""
     noise = robot_arm.NOISE**2
     return sp.learn(network.network, w, x, d, noise=noise, prior_std=0.1, method=method, devices=devices)

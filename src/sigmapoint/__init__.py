@@ -8,16 +8,16 @@ from sigmapoint.blackbox import blackbox
 from sigmapoint.comparison import Comparison, compare
 from sigmapoint.diagnostics import diagnose
 from sigmapoint.filtering import filter
-from sigmapoint.fixed_lag import LaggedState, OnlineSmoother, fixed_lag, online_smoother
 from sigmapoint.identification.costs import maximum_likelihood, prediction_error
 from sigmapoint.identification.dual import Dual, dual
-from sigmapoint.identification.dual_results import DualResult, DualState
+from sigmapoint.identification.dual_results import DualHistory, DualResult, DualState
 from sigmapoint.identification.em import EM, em
 from sigmapoint.identification.estimates import Estimates, estimates
-from sigmapoint.identification.fit import ModelFit, fit
+from sigmapoint.identification.fit import Fit, fit
 from sigmapoint.identification.joint import joint
 from sigmapoint.identification.likelihood import LogPosterior, log_posterior
-from sigmapoint.identification.maximization import diagonal, full, tied
+from sigmapoint.identification.profile import Profile
+from sigmapoint.identification.structures import diagonal, full, tied
 from sigmapoint.identification.unknown import Unknown, bounded, positive, real
 from sigmapoint.learning.drift import annealed, fixed, forgetting, on_diagonal, robbins_monro
 from sigmapoint.learning.learner import Learner, learner
@@ -25,7 +25,7 @@ from sigmapoint.learning.measurement_noise import learned_noise
 from sigmapoint.learning.recurrent import recurrent
 from sigmapoint.learning.residual import cross_entropy, residual
 from sigmapoint.learning.state import LearnerInfo, LearnerState, Prediction
-from sigmapoint.learning.training import Fit, History, Progress, learn
+from sigmapoint.learning.training import History, Progress, Trained, learn
 from sigmapoint.methods import (
     Method,
     cdkf,
@@ -46,15 +46,17 @@ from sigmapoint.methods import (
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive, Gaussian, NonAdditive
 from sigmapoint.online import OnlineFilter, online
-from sigmapoint.posterior_linearization import ipls
 from sigmapoint.results import Posterior
 from sigmapoint.simulation import simulate
-from sigmapoint.smoothing import rts, smooth
+from sigmapoint.smoothing.fixed_lag import fixed_lag
+from sigmapoint.smoothing.online_smoother import LaggedState, OnlineSmoother, Window, online_smoother
+from sigmapoint.smoothing.posterior_linearization import ipls
+from sigmapoint.smoothing.smoother import rts, smooth
+from sigmapoint.smoothing.trajectories import trajectories
+from sigmapoint.smoothing.two_filter import two_filter
 from sigmapoint.spaces import Manifold, angles
 from sigmapoint.step import FilterState, Info
 from sigmapoint.storage import load, save
-from sigmapoint.trajectories import trajectories
-from sigmapoint.two_filter import two_filter
 from sigmapoint.variants import at_mean, augmented, extended_set, iterated
 
 if TYPE_CHECKING:
@@ -77,6 +79,7 @@ __all__ = [
     "Additive",
     "Comparison",
     "Dual",
+    "DualHistory",
     "DualResult",
     "DualState",
     "Estimates",
@@ -92,15 +95,17 @@ __all__ = [
     "LogPosterior",
     "Manifold",
     "Method",
-    "ModelFit",
     "NonAdditive",
     "OnlineFilter",
     "OnlineSmoother",
     "Posterior",
     "Prediction",
+    "Profile",
     "Progress",
     "StateSpaceModel",
+    "Trained",
     "Unknown",
+    "Window",
     "angles",
     "annealed",
     "at_mean",

@@ -23,7 +23,7 @@ from sigmapoint.model import StateSpaceModel
 from sigmapoint.ragged import Ragged, concatenated
 from sigmapoint.results import FIELDS, Posterior
 from sigmapoint.runtime import NATIVE
-from sigmapoint.smoothing import MAKERS, Smoother
+from sigmapoint.smoothing.smoother import MAKERS, Smoother
 from sigmapoint.step import Filter
 
 LARGEST_PIECE = 256

@@ -22,7 +22,7 @@ from sigmapoint.filtering import filter, series_of
 from sigmapoint.methods import METHODS, Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.results import Posterior, field
-from sigmapoint.smoothing import smooth as smoothed
+from sigmapoint.smoothing.smoother import smooth as smoothed
 
 Row = dict[str, Any]
 

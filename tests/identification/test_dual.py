@@ -96,7 +96,7 @@ def test_linear_parameters_have_the_exact_joint_posterior(parameter_method):
     exact = sp.filter(sp.joint(lambda t: linear(**t), theta), y, u, sp.ekf())
     np.testing.assert_allclose(found.post.mean[:, 0], exact.mean[:, 0], rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(found.post.std[:, 0], exact.std[:, 0], rtol=1e-8)
-    for ours, its in zip(jax.tree.leaves(found.theta), jax.tree.leaves(sp.estimates(theta, exact))):
+    for ours, its in zip(jax.tree.leaves(found.estimates), jax.tree.leaves(sp.estimates(theta, exact))):
         np.testing.assert_allclose(ours, its, rtol=1e-7, atol=1e-8)
 
 
@@ -108,7 +108,7 @@ def test_a_pole_has_nearly_the_posterior_of_a_grid(cost):
         )
 
     _, y = sp.simulate(model(0.8), 800, key=jax.random.key(2))
-    found = sp.dual(model, sp.real(0.6, 0.2), cost=cost, parameter_method=sp.ekf()).filter(y).theta
+    found = sp.dual(model, sp.real(0.6, 0.2), cost=cost, parameter_method=sp.ekf()).filter(y).estimates
     grid = jnp.linspace(0.5, 0.99, 400)
     fit = jax.vmap(lambda a: sp.filter(model(a), y, keep=()).log_likelihood)(grid) - 0.5 * ((grid - 0.6) / 0.2) ** 2
     weight = jax.nn.softmax(fit)
@@ -159,7 +159,7 @@ def test_likelihood_learns_how_large_a_process_noise_is():
 
     _, y = sp.simulate(model({"a": 0.9, "q": 0.3}), 1000, key=jax.random.key(3))
     theta = {"a": sp.real(0.6, 0.2), "q": sp.positive(1.5, 1.5)}
-    found = sp.dual(model, theta, cost=sp.maximum_likelihood()).filter(y).theta
+    found = sp.dual(model, theta, cost=sp.maximum_likelihood()).filter(y).estimates
     for name, truth in (("a", 0.9), ("q", 0.3)):
         assert abs(found.value[name][-1] - truth) < 3 * found.std[name][-1]
     assert found.std["q"][-1] < 0.05
@@ -175,8 +175,8 @@ def test_online_is_the_same_as_over_a_series(cost):
         np.testing.assert_allclose(state.mean, found.post.mean[k], rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(state.cov, found.post.cov[k], rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(info.innovation, found.post.innovation[k], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(state.theta.std["q"], found.theta.std["q"][-1], rtol=1e-9)
-    np.testing.assert_allclose(state.theta.value["a"], found.params["a"], rtol=1e-9)
+    np.testing.assert_allclose(state.estimates.std["q"], found.estimates.std["q"][-1], rtol=1e-9)
+    np.testing.assert_allclose(state.theta["a"], found.theta["a"], rtol=1e-9)
     later, _ = both.update(found.state, y[0], u[0])  # a result's state goes on
     np.testing.assert_allclose(later.mean, both.update(state, y[0], u[0])[0].mean, rtol=1e-9)
 
@@ -219,8 +219,8 @@ def test_32_bits():
     for cost in (sp.prediction_error(), sp.maximum_likelihood()):
         theta = sp.bounded(jnp.float32(0.5), jnp.float32(0.3), low=-1.0, high=1.0)
         found = sp.dual(model, theta, state_method=sp.srukf(), cost=cost).filter(y)
-        assert found.post.mean.dtype == found.theta.value.dtype == jnp.float32
-        assert abs(found.params - 0.9) < 0.1
+        assert found.post.mean.dtype == found.estimates.value.dtype == jnp.float32
+        assert abs(found.theta - 0.9) < 0.1
 
 
 @pytest.mark.parametrize("parameter_method", [sp.ekf(), sp.srukf()], ids=["ekf", "srukf"])
@@ -235,9 +235,9 @@ def test_parameters_of_very_different_size_are_both_found(parameter_method):
     _, y = sp.simulate(model({"small": 0.8e-9, "large": 2e6}), 400, u=u, key=jax.random.key(5))
     vector = sp.Gaussian(jnp.array([0.5e-9, 1e6]), jnp.diag(jnp.array([0.09e-18, 1e12])))
     tree = {"small": sp.positive(0.5e-9, 0.3e-9), "large": sp.real(1e6, 1e6)}
-    found = sp.dual(model, tree, parameter_method=parameter_method).filter(y, u).params
+    found = sp.dual(model, tree, parameter_method=parameter_method).filter(y, u).theta
     as_vector = sp.dual(lambda z: model({"small": z[0], "large": z[1]}), vector, parameter_method=parameter_method)
-    for small, large in ((found["small"], found["large"]), as_vector.filter(y, u).params):
+    for small, large in ((found["small"], found["large"]), as_vector.filter(y, u).theta):
         np.testing.assert_allclose([small * 1e9, large * 1e-6], [0.8, 2.0], rtol=0.05)
 
 
@@ -253,7 +253,7 @@ def test_an_angle_turns_past_half_a_turn():
     turned = jnp.mod(y + jnp.pi, 2 * jnp.pi) - jnp.pi
     found = sp.dual(model, sp.real(0.2, 0.1)).filter(turned)
     straight = sp.dual(lambda rate: model(rate, wraps=False), sp.real(0.2, 0.1)).filter(y)
-    np.testing.assert_allclose(found.theta.value, straight.theta.value, rtol=1e-9)
+    np.testing.assert_allclose(found.estimates.value, straight.estimates.value, rtol=1e-9)
     np.testing.assert_allclose(jnp.cos(found.post.mean), jnp.cos(straight.post.mean), atol=1e-9)
     assert np.abs(found.post.mean).max() <= np.pi
 
@@ -269,7 +269,7 @@ def test_states_and_measurements_on_a_manifold_of_fewer_dimensions(unit_vector):
 
     _, y = sp.simulate(on_circle(jnp.array(0.25)), 100, key=jax.random.key(7))
     found = sp.dual(on_circle, sp.real(0.2, 0.1)).filter(y)
-    assert abs(found.params - 0.25) < 3 * found.theta.std[-1] < 0.02
+    assert abs(found.theta - 0.25) < 3 * found.estimates.std[-1] < 0.02
     np.testing.assert_allclose(jnp.sum(found.post.mean**2, axis=1), 1, rtol=1e-9)
 
 

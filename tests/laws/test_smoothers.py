@@ -10,7 +10,7 @@ from oracles.kalman import batch_least_squares
 
 import sigmapoint as sp
 from sigmapoint.filtering import scan
-from sigmapoint.reversal import Reversal
+from sigmapoint.smoothing.reversal import Reversal
 from sigmapoint.step import Filter
 
 BACK = {"two_filter": sp.two_filter(), "fixed_lag": sp.fixed_lag(50)}

@@ -92,7 +92,7 @@ def dual(method: Method, cost: Cost | None = None) -> Epochs:
     """Two filters, the drift of the weights annealed."""
 
     def estimate(one: Series, epochs: int) -> Float[Array, "E T"]:
-        both = sp.dual(build(one), unknown(one), ANNEALED, method, method, cost)
+        both = sp.dual(build(one), unknown(one), ANNEALED, state_method=method, parameter_method=method, cost=cost)
         samples = Sample(jnp.arange(len(one.noisy)), one.noisy[:, None], None, None)
 
         def again(learner: Any, _: None) -> tuple[Any, Array]:

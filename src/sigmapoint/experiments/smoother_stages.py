@@ -9,9 +9,10 @@ import sigmapoint as sp
 from sigmapoint import affine, series
 from sigmapoint.belief import Belief, SquareRoot
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.smoothing import Smoother
+from sigmapoint.smoothing.backward_model import Backward
+from sigmapoint.smoothing.smoother import Smoother
+from sigmapoint.smoothing.two_filter import informed
 from sigmapoint.step import Filter, FilterState
-from sigmapoint.two_filter import Backward, informed
 
 F, B, S = "forward (F)", "backward (B)", "smoothed (S)"
 NOISE = 10**-0.3

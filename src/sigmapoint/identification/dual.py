@@ -23,8 +23,7 @@ from sigmapoint.identification.cell import Cell, Sample
 from sigmapoint.identification.costs import Cost, Seen, prediction_error
 from sigmapoint.identification.dual_results import DualHistory, DualResult, DualState, root
 from sigmapoint.identification.estimates import Estimates
-from sigmapoint.identification.joint import built
-from sigmapoint.identification.unknowns import Unknowns
+from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.learning.drift import Drift
 from sigmapoint.learning.learner import fitting
 from sigmapoint.learning.parameters import Parameters
@@ -61,7 +60,7 @@ class Dual(eqx.Module):
             >>> def build(a):
             ...     return sp.StateSpaceModel(lambda x, u: a * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
             ...                               sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
-            >>> float(sp.dual(build, sp.real(0.5, 0.25)).init().theta.std)
+            >>> float(sp.dual(build, sp.real(0.5, 0.25)).init().estimates.std)
             0.25
         """
         return DualState(self.cell, _started(self), None, jnp.zeros((), int))
@@ -87,7 +86,7 @@ class Dual(eqx.Module):
             ...                               sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
             >>> both = sp.dual(build, sp.real(0.5, 0.3))
             >>> state, info = both.update(both.init(), [2.0], 1.0)
-            >>> float(state.mean[0]), float(info.innovation[0]), float(state.theta.value)
+            >>> float(state.mean[0]), float(info.innovation[0]), float(state.theta)
             (1.0, 2.0, 0.5)
         """
         checks.instance("state", state, DualState, "what init() or update() gave")
@@ -125,7 +124,7 @@ class Dual(eqx.Module):
             ...     return sp.StateSpaceModel(lambda x, u: a * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
             ...                               sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
             >>> result = sp.dual(build, sp.real(0.5, 0.3)).filter(jnp.ones((20, 1)), epochs=2)
-            >>> result.post.mean.shape, result.theta.std.shape, result.history.mse.shape
+            >>> result.post.mean.shape, result.estimates.std.shape, result.history.mse.shape
             ((20, 1), (20,), (2,))
         """
         model = self.cell.model(self.parameters.start)
@@ -142,7 +141,6 @@ class Dual(eqx.Module):
         return DualResult(
             Posterior.of(model, y, u, {**kept, "log_likelihood": jnp.sum(kept["log_likelihood"])}),
             _estimates(self.cell.unknowns, kept["z"], kept["z_std"]),
-            self.cell.unknowns.tree(learner.mean),
             DualState(self.cell, learner, last, jnp.asarray(y.shape[0], int)),
             DualHistory(*history.T),
         )
@@ -176,7 +174,8 @@ def through(dual: Dual, learner: LearnerState, samples: Sample) -> tuple[Learner
 def dual(
     build: Callable[[Any], StateSpaceModel],
     theta: Any,
-    drift: Drift | None = None,
+    drift: Drift | float | None = None,
+    *,
     state_method: Method | None = None,
     parameter_method: Method | None = None,
     cost: Cost | None = None,
@@ -191,7 +190,8 @@ def dual(
         build: `build(theta) -> StateSpaceModel`, a function that JAX can trace.
         theta: the parameters and what is known of them, as for `joint`: `sp.Gaussian` over a vector (independent
             elements), or any pytree of `sp.real`, `sp.positive`, `sp.bounded` and numbers.
-        drift: how much parameters may move between samples, any that `learner` takes; `fixed(0)` where not given. In
+        drift: how much parameters may move between samples, any that `learner` takes; `fixed(0)` where not given, and
+            a number q is `fixed(q)`. In
             squared units of the vector for `sp.Gaussian`; for a pytree, relative to the squared prior deviations.
         state_method: of the states' filter, any that draws its points anew; `srcdkf()` where not given.
         parameter_method: of the parameters' filter, as for `learner`; `srcdkf()` where not given.
@@ -213,7 +213,7 @@ def dual(
         ...                               sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
         >>> x, y = sp.simulate(build(0.9), 500, key=jax.random.key(0))
         >>> result = sp.dual(build, sp.bounded(0.5, 0.3, low=-1.0, high=1.0)).filter(y)
-        >>> bool(abs(result.params - 0.9) < 3 * result.theta.std[-1]), result.post.mean.shape
+        >>> bool(abs(result.theta - 0.9) < 3 * result.estimates.std[-1]), result.post.mean.shape
         (True, (500, 1))
     """
     checks.function("build", build, "theta")

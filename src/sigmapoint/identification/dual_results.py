@@ -9,8 +9,10 @@ from jaxtyping import Array, Float, Int
 
 from sigmapoint.identification.cell import Cell
 from sigmapoint.identification.estimates import Estimates
+from sigmapoint.identification.unknowns import built
 from sigmapoint.learning.state import LearnerState
 from sigmapoint.linalg import norm_rows
+from sigmapoint.model import StateSpaceModel
 from sigmapoint.results import Posterior
 
 
@@ -48,8 +50,13 @@ class DualState(eqx.Module):
         return norm_rows(root(self.cell, self.learner))
 
     @property
-    def theta(self) -> Estimates:
-        """Of the parameters, in their own units."""
+    def theta(self) -> Any:
+        """The parameters, as the pytree that `build` takes."""
+        return self.cell.unknowns.tree(self.learner.mean)
+
+    @property
+    def estimates(self) -> Estimates:
+        """Value, standard deviation and 95 % interval of the parameters, in their own units."""
         return Estimates.of(self.cell.unknowns, self.learner.mean, self.learner.std)
 
 
@@ -67,10 +74,19 @@ class DualResult(NamedTuple):
 
     post: Posterior
     """States; innovations, their covariance and NIS by the parameters as they were estimated before the sample."""
-    theta: Estimates
+    estimates: Estimates
     """Parameters after each sample, in their own units; leaves have a leading axis T."""
-    params: Any
-    """the parameters at the end, as `build` takes them"""
     state: DualState
     """at the end, to go on from"""
     history: DualHistory
+    """of the epochs"""
+
+    @property
+    def theta(self) -> Any:
+        """The parameters at the end, as the pytree that `build` takes."""
+        return self.state.theta
+
+    @property
+    def model(self) -> StateSpaceModel:
+        """The model with these parameters."""
+        return built(self.state.cell.build, self.theta)

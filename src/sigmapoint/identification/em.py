@@ -16,9 +16,9 @@ from jaxtyping import Float
 from sigmapoint import checks
 from sigmapoint.blackbox import NoDerivative, unwrapped
 from sigmapoint.filtering import fitting
-from sigmapoint.identification.joint import built
-from sigmapoint.identification.maximization import Constant, Found, Problem, Structure, full, maximized
-from sigmapoint.identification.unknowns import Unknowns
+from sigmapoint.identification.maximization import Constant, Found, Problem, maximized
+from sigmapoint.identification.structures import Structure, full
+from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive

@@ -17,13 +17,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from sigmapoint import series
 from sigmapoint.belief import Belief, SquareRoot, covariance
 from sigmapoint.filtering import scan
-from sigmapoint.reversal import Reversal
 from sigmapoint.rules.linearization import Linearization
+from sigmapoint.smoothing.reversal import Reversal, back
 from sigmapoint.spaces import Euclidean
-from sigmapoint.step import Filter, FilterState, measured
+from sigmapoint.step import Filter, measured
 
 
 class Smoothed(NamedTuple):
@@ -50,16 +49,14 @@ class Moments(NamedTuple):
 
 def smoothed(run: Filter, y: Array, u: Any, real: Array) -> tuple[Smoothed, Float[Array, ""]]:
     """The beliefs, and the log-likelihood."""
-    states, log_likelihood, ahead = scan(run, y, u, lambda state, _: state, real)
+    states, log_likelihood, _ = scan(run, y, u, lambda state, _: state, real)
     kind, space = run.method.belief, run.model.state_space
 
-    def step(later: Belief, row: tuple[FilterState, Any]) -> tuple[Belief, tuple[Array, ...]]:
-        back = Reversal.of(run, *row)
-        belief = back.belief(space, later)
-        return belief, (belief.mean, belief.factor, back.gain, kind.from_root(back.mean, back.root).factor)
+    def out(belief: Belief, reversal: Reversal) -> tuple[Array, ...]:
+        return belief.mean, belief.factor, reversal.gain, kind.from_root(reversal.mean, reversal.root).factor
 
-    # (To look back on the last row from its own prediction changes nothing.)
-    mean, factor, gain, root = series.scan(step, ahead.belief, (states, u), real=real, reverse=True)[1]
+    found = back(run, states, u, lambda later, reversal, _: reversal.belief(space, later), out=out, real=real)
+    mean, factor, gain, root = found
     return Smoothed(mean, factor, gain, root, y, u, real), log_likelihood
 
 

@@ -20,9 +20,9 @@ from jaxtyping import Array, Float
 from sigmapoint import checks
 from sigmapoint.blackbox import NoDerivative
 from sigmapoint.identification.estimates import Estimates
-from sigmapoint.identification.joint import built
 from sigmapoint.identification.likelihood import LogPosterior, log_posterior
 from sigmapoint.identification.profile import Profile, plot_profiles
+from sigmapoint.identification.unknowns import built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 
@@ -30,7 +30,7 @@ NEAR = 0.01
 """Standard deviations from the optimum at which a search has arrived."""
 
 
-class ModelFit(eqx.Module):
+class Fit(eqx.Module):
     """What measurements say of the parameters of a model; made by `fit`. `print` of it is a table."""
 
     posterior: LogPosterior
@@ -112,7 +112,7 @@ def fit(
     *,
     prior: float = 0.0,
     steps: int = 200,
-) -> ModelFit:
+) -> Fit:
     """Fit the parameters of a model, noise levels among them, to measurements: maximum likelihood.
 
     Args:
@@ -128,7 +128,7 @@ def fit(
         steps: evaluations of the likelihood at most, before the last ones with Newton's method.
 
     Returns:
-        A `ModelFit`: `theta`, `estimates`, `model`, `profile(name)`, `log_likelihood`, `converged`.
+        A `Fit`: `theta`, `estimates`, `model`, `profile(name)`, `log_likelihood`, `converged`.
 
     Raises:
         ValueError: as `log_posterior`; nothing measured; a likelihood that is not finite at the start; a black box.
@@ -169,12 +169,12 @@ def fit(
             "fit: the log-likelihood or its derivative is not finite at the start, the centre of theta: is "
             "build(theta) a model there, with noises above zero? Start elsewhere, or use a square-root method"
         )
-    found = ModelFit(posterior, z, cov, float(log_likelihood), bool(distance < NEAR), int(taken))
+    found = Fit(posterior, z, cov, float(log_likelihood), bool(distance < NEAR), int(taken))
     _warn(found, float(distance), steps)
     return found
 
 
-def _warn(found: ModelFit, distance: float, steps: int) -> None:
+def _warn(found: Fit, distance: float, steps: int) -> None:
     left = [name for name, variance in zip(found.names, np.diagonal(found.z_cov)) if not np.isfinite(variance)]
     if left:
         warnings.warn(

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks
 from sigmapoint.belief import Spread, symmetric
-from sigmapoint.identification.unknowns import Unknowns
+from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.learning.drift import Annealed, Drift
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive, Gaussian, NonAdditive
@@ -105,17 +105,6 @@ def joint(build: Callable[[Any], StateSpaceModel], theta: Any, drift: Any = 0.0)
         observation_names=at_prior.observation_names,
         observation_units=at_prior.observation_units,
     )
-
-
-def built(build: Callable[[Any], StateSpaceModel], theta: Any) -> StateSpaceModel:
-    """The model with these parameters.
-
-    Raises:
-        ValueError: `build` gives something else.
-    """
-    model = build(theta)
-    checks.instance("build(theta)", model, StateSpaceModel)
-    return model
 
 
 def _part(

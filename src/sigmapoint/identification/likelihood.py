@@ -20,8 +20,7 @@ from jaxtyping import Array, Float, Int
 from sigmapoint import checks
 from sigmapoint.batching import of_each
 from sigmapoint.filtering import fitting, scan
-from sigmapoint.identification.joint import built
-from sigmapoint.identification.unknowns import Unknowns
+from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.ragged import stacked

@@ -20,8 +20,8 @@ from sigmapoint.batching import of_each
 from sigmapoint.belief import symmetric
 from sigmapoint.identification import expectation
 from sigmapoint.identification.expectation import Moments, Smoothed
-from sigmapoint.identification.joint import built
-from sigmapoint.identification.unknowns import Unknowns
+from sigmapoint.identification.structures import Structure
+from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive, Gaussian
@@ -31,24 +31,6 @@ SEARCH = 30
 """Evaluations in a search for parameters: the next step goes on."""
 LEAST = 1e-9
 """Variance in directions without noise, relative to the largest: parameters cannot move what is exact."""
-
-Structure = Callable[[Float[Array, "n n"]], Float[Array, "n n"]]
-"""A covariance from the second moment found for it."""
-
-
-def full(moment: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """A covariance without a structure, for `em`."""
-    return moment
-
-
-def diagonal(moment: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """A covariance without correlations, for `em`."""
-    return jnp.diag(jnp.diagonal(moment))
-
-
-def tied(moment: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """One variance for all elements, for `em`."""
-    return jnp.mean(jnp.diagonal(moment)) * jnp.eye(moment.shape[0], dtype=moment.dtype)
 
 
 class Found(NamedTuple):

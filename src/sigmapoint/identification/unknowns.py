@@ -4,6 +4,7 @@ Elements of z have a prior of mean 0 and variance 1, in whatever units the param
 is no matter. With `sp.Gaussian` in place of a pytree, z is the vector itself.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -14,6 +15,7 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks
 from sigmapoint.identification.unknown import Unknown, real
+from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Gaussian
 
 
@@ -124,6 +126,17 @@ class _Tree(eqx.Module):
             return unknown.range.value(unknown.center, unknown.std, part.astype(unknown.center.dtype))
 
         return jax.tree.map(leaf, self.unknowns, is_leaf=_is_unknown)
+
+
+def built(build: Callable[[Any], StateSpaceModel], theta: Any) -> StateSpaceModel:
+    """The model with these parameters.
+
+    Raises:
+        ValueError: `build` gives something else.
+    """
+    model = build(theta)
+    checks.instance("build(theta)", model, StateSpaceModel)
+    return model
 
 
 def _is_unknown(a: Any) -> bool:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sigmapoint import checks
@@ -120,6 +121,19 @@ class OnDiagonal:
 
     def inflated(self, uncertainty: Uncertainty, added: Float[Array, " L"]) -> Uncertainty:
         return uncertainty.on_diagonal(added)
+
+
+def drift_of(drift: Any) -> Drift:
+    """As given by a user: nothing stands for parameters that stay, a number q for `fixed(q)`.
+
+    Raises:
+        ValueError: something else.
+    """
+    if isinstance(drift, int | float | np.number | np.ndarray) and np.ndim(drift) == 0:
+        return fixed(checks.number("drift", drift))
+    given: Any = fixed(0.0) if drift is None else drift
+    checks.instance("drift", given, Drift, "a number, sp.fixed(), sp.annealed(), sp.forgetting() or sp.robbins_monro()")
+    return given
 
 
 def fixed(q: float) -> Drift:

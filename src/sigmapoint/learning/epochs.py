@@ -12,9 +12,9 @@ from jaxtyping import Array, Float
 
 from sigmapoint.learning import sharding
 from sigmapoint.learning.checkpoints import fingerprint
-from sigmapoint.learning.fit import History, Progress
 from sigmapoint.learning.learner import Learner
 from sigmapoint.learning.state import LearnerState
+from sigmapoint.learning.trained import History, Progress
 from sigmapoint.learning.update import updated
 
 WORK = 2e8

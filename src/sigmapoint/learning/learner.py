@@ -10,7 +10,7 @@ import numpy as np
 from sigmapoint import checks, data_checks
 from sigmapoint.carry import Redraw
 from sigmapoint.learning import measurement_noise, sharding
-from sigmapoint.learning.drift import Drift, fixed
+from sigmapoint.learning.drift import Drift, drift_of
 from sigmapoint.learning.measurement_noise import Known, MeasurementNoise
 from sigmapoint.learning.objectives import Objective, listed, objective
 from sigmapoint.learning.parameters import Parameters
@@ -135,7 +135,7 @@ def learner(
     *,
     noise: Any,
     method: Method | None = None,
-    drift: Drift | None = None,
+    drift: Drift | float | None = None,
     prior_std: Any = 1.0,
     devices: Sequence[Any] | None = None,
 ) -> Learner:
@@ -150,7 +150,7 @@ def learner(
             or a covariance (m, m), in squared units of the targets; or `learned_noise(...)`. A state carries it on.
         method: `srcdkf()` where not given; its points stay √3 standard deviations out, those of `srukf()` √L. Square
             roots and `ekf` cost O(M L²) for M elements of a target and L parameters, the other dense ones O(L³).
-        drift: how much parameters may move between samples; `fixed(0)` where not given.
+        drift: how much parameters may move between samples; `fixed(0)` where not given, and a number q is `fixed(q)`.
         prior_std: how far `w0` may be off: a number, or a pytree like `w0`.
         devices: those that parameters and the rows of their factor are spread over, for example `jax.devices()`; the
             number of parameters must be a multiple of theirs.
@@ -178,18 +178,16 @@ def learner(
 
 
 def fitting(
-    parameters: Parameters, method: Method | None, drift: Drift | None, name: str = "method"
+    parameters: Parameters, method: Method | None, drift: Drift | float | None, name: str = "method"
 ) -> tuple[Method, Drift]:
     """Method and drift, or their defaults, checked together with the parameters."""
     method = srcdkf() if method is None else method
     checks.instance(name, method, Method)
     if method.iterations > 1 or not isinstance(method.carry, Redraw):
         raise ValueError(f"learner: the {name} must not be iterated, augmented or extended")
-    drift = fixed(0.0) if drift is None else drift
-    checks.instance("drift", drift, Drift, "sp.fixed(), sp.annealed(), sp.forgetting() or sp.robbins_monro()")
     if isinstance(method.rule, SigmaPointRule):
         checks.digits(abs(method.rule.constants(parameters.start.shape[0]).centre), parameters.start.dtype)
-    return method, drift
+    return method, drift_of(drift)
 
 
 def _alone(a: Any) -> Any:

@@ -11,10 +11,10 @@ from sigmapoint import checks
 from sigmapoint.learning import checkpoints
 from sigmapoint.learning.drift import Drift
 from sigmapoint.learning.epochs import Training, known
-from sigmapoint.learning.fit import Fit, History, Progress
 from sigmapoint.learning.interrupts import uninterrupted
 from sigmapoint.learning.learner import learner
 from sigmapoint.learning.objectives import Objective
+from sigmapoint.learning.trained import History, Progress, Trained
 from sigmapoint.methods import Method
 
 NOT_FINITE = (
@@ -33,7 +33,7 @@ def learn(
     *,
     noise: Any,
     method: Method | None = None,
-    drift: Drift | None = None,
+    drift: Drift | float | None = None,
     prior_std: Any = 1.0,
     devices: Sequence[Any] | None = None,
     epochs: int = 1,
@@ -43,7 +43,7 @@ def learn(
     patience: int | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Callable[[Progress], Any] | None = None,
-) -> Fit:
+) -> Trained:
     """Train a function on pairs of inputs and targets.
 
     Every epoch counts all pairs again: with more than one, error bars say more than the data do, by √epochs. For error
@@ -69,7 +69,7 @@ def learn(
         progress: called now and then with a `Progress`, for example `print`.
 
     Returns:
-        A `Fit`: `params`, `state`, `history`, `predict`.
+        A `Trained`: `params`, `state`, `history`, `predict`.
 
     Raises:
         ValueError: as `learner`; inputs and targets of different lengths, no targets, patience without validation, a
@@ -128,4 +128,4 @@ def learn(
         if checkpoint is not None and not at.state.mean.is_deleted():  # given away, if pressed twice
             checkpoints.store(Path(checkpoint), run.identity, at)
         raise
-    return Fit(one, at.best or at.state, History(*(column[: int(at.epoch)] for column in at.history)))
+    return Trained(one, at.best or at.state, History(*(column[: int(at.epoch)] for column in at.history)))

@@ -17,7 +17,7 @@ from sigmapoint.affine import Affine
 from sigmapoint.belief import SquareRoot
 from sigmapoint.carry import Redraw
 from sigmapoint.filtering import fields, scan
-from sigmapoint.smoothing import Smoother
+from sigmapoint.smoothing.smoother import Smoother
 from sigmapoint.step import Filter
 
 

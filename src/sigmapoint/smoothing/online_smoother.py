@@ -1,10 +1,5 @@
-"""Fixed-lag smoothing: each state from the measurements up to a few instants later; for live data, and with a delay.
+"""Fixed-lag smoothing of live data: the transitions of the last instants are kept reversed (`reversal`)."""
 
-The transitions of the last instants are kept reversed (`reversal`), and the newest belief is taken back through them.
-With a lag as long as the series that is the Rauch-Tung-Striebel smoother.
-"""
-
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,66 +7,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sigmapoint import checks, data_checks, series
+from sigmapoint import checks, data_checks
 from sigmapoint.belief import Belief
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.filtering import fields, fitting, scan
+from sigmapoint.filtering import fitting
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.online import OnlineFilter
-from sigmapoint.reversal import Reversal
-from sigmapoint.smoothing import Smoother
+from sigmapoint.smoothing.reversal import Reversal
 from sigmapoint.step import Filter, FilterState, Info
-
-
-@dataclass(frozen=True)
-class FixedLag(Smoother):
-    """Each state from measurements up to `lag` instants later."""
-
-    lag: int
-
-    def __call__(
-        self, run: Filter, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
-    ) -> dict[str, Array]:
-        def out(state: FilterState, info: Info) -> Any:
-            return state, fields(keep, info)
-
-        (states, info), log_likelihood, _ = scan(run, y, u, out, real)
-        back = series.scan(lambda _, row: (None, Reversal.of(run, *row)), None, (states, u))[1]
-        T = y.shape[0]
-        k, lag = jnp.arange(T), min(self.lag, T - 1)
-        last = T - 1 if real is None else jnp.sum(real, dtype=k.dtype) - 1
-        take = jax.vmap(lambda reversal, later: reversal.belief(run.model.state_space, later))
-
-        def step(j: Array, beliefs: Belief) -> Belief:
-            at = k + lag - 1 - j
-            earlier = take(jax.tree.map(lambda a: a[jnp.clip(at, 0, T - 1)], back), beliefs)
-            return jax.tree.map(
-                lambda a, b: jnp.where((at < last).reshape(T, *(1,) * (a.ndim - 1)), a, b), earlier, beliefs
-            )
-
-        start = jax.tree.map(lambda a: a[jnp.minimum(k + lag, last)], states.belief)
-        beliefs = jax.lax.fori_loop(0, lag, step, start)
-        return {**jax.vmap(lambda b: fields(keep, b))(beliefs), **info, "log_likelihood": log_likelihood}
-
-
-def fixed_lag(lag: int) -> FixedLag:
-    """A smoother that waits: each state from the measurements up to `lag` instants later.
-
-    What `online_smoother` gives live, over a whole series. It costs `lag` times as much as `rts` to look back.
-
-    Args:
-        lag: number of instants; 0 is the filter, as many as there are (or more) `rts`.
-
-    Raises:
-        ValueError: a negative number.
-
-    Examples:
-        >>> import sigmapoint as sp
-        >>> sp.fixed_lag(5)
-        FixedLag(lag=5)
-    """
-    return FixedLag(checks.whole("lag", lag, 0))
 
 
 class LaggedState(NamedTuple):

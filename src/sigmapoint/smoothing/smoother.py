@@ -8,18 +8,15 @@ B Bᵀ the covariance of x[k] given x[k+1], P_s = G P_s⁺ Gᵀ + B Bᵀ.
 from dataclasses import dataclass
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 from jaxtyping import Array
 
-from sigmapoint import checks, series
-from sigmapoint.belief import Belief
+from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import Estimator, estimate, fields, prepared, scan
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.results import FIELDS, Posterior
-from sigmapoint.reversal import Reversal
+from sigmapoint.smoothing.reversal import back
 from sigmapoint.step import Filter, FilterState, Info
 
 MAKERS = "sp.rts(), sp.two_filter(), sp.fixed_lag() or sp.ipls()"
@@ -29,6 +26,18 @@ class Smoother(Estimator):
     """An estimator that looks back."""
 
 
+def forward(
+    run: Filter, y: Array, u: Any, keep: tuple[str, ...], real: Array | None
+) -> tuple[FilterState, dict[str, Array]]:
+    """The states of the filter, and what a smoother leaves as it is: innovations and likelihood."""
+
+    def out(state: FilterState, info: Info) -> Any:
+        return state, fields(keep, info)
+
+    (states, info), log_likelihood, _ = scan(run, y, u, out, real)
+    return states, {**info, "log_likelihood": log_likelihood}
+
+
 @dataclass(frozen=True)
 class RTS(Smoother):
     """Rauch-Tung-Striebel: filter forward, then reverse each transition."""
@@ -36,23 +45,17 @@ class RTS(Smoother):
     def __call__(
         self, run: Filter, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
     ) -> dict[str, Array]:
-        def out(state: FilterState, info: Info) -> Any:
-            return state, fields(keep, info)
-
-        (states, info), log_likelihood, ahead = scan(run, y, u, out, real)
-
-        def step(later: Belief, row: tuple[FilterState, Any]) -> tuple[Belief, dict[str, Array]]:
-            belief = Reversal.of(run, *row).belief(run.model.state_space, later)
-            return belief, fields(keep, belief)
-
-        if real is not None:  # to look back on the last row from its own prediction changes nothing
-            smoothed = series.scan(step, ahead.belief, (states, u), real=real, reverse=True)[1]
-            return {**smoothed, **info, "log_likelihood": log_likelihood}
-        end = jax.tree.map(lambda a: a[-1], states.belief)
-        before = jax.tree.map(lambda a: a[:-1], (states, u))
-        smoothed, last = series.scan(step, end, before, reverse=True)[1], fields(keep, end)
-        smoothed = {name: jnp.concatenate([smoothed[name], last[name][None]]) for name in smoothed}
-        return {**smoothed, **info, "log_likelihood": log_likelihood}
+        states, kept = forward(run, y, u, keep, real)
+        space = run.model.state_space
+        smoothed = back(
+            run,
+            states,
+            u,
+            lambda later, reversal, _: reversal.belief(space, later),
+            out=lambda belief, _: fields(keep, belief),
+            real=real,
+        )
+        return {**smoothed, **kept}
 
 
 def rts() -> RTS:

@@ -8,7 +8,7 @@ der Merwe, "The Unscented Kalman Filter" (2001), equations 7.72 to 7.75, after F
 * The model linearised: about the filtered beliefs by the method's rule (`affine`). What later measurements say of x[k]
   is kept as information, η and Z Zᵀ, going back by the elements of `parallel`: the dynamics are not inverted, and
   nothing is known after the end.
-* A backward model x[k] = b(x[k+1], u[k]) + noise of the user's own, nonlinear: any filter of this library on it.
+* A backward model of the user's own (`backward_model`).
 
 The product is `condition` in either case: b is a measurement of the state.
 """
@@ -17,22 +17,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint import affine, checks, data_checks, parallel, series
+from sigmapoint import affine, checks, parallel, series
 from sigmapoint.affine import Affine
 from sigmapoint.belief import Belief, Spread, SquareRoot
 from sigmapoint.carry import known
 from sigmapoint.conditioning import Joint, condition
-from sigmapoint.filtering import fields, scan
-from sigmapoint.model import StateSpaceModel
-from sigmapoint.noise import Additive, Gaussian, NonAdditive, noise_of
+from sigmapoint.filtering import fields
+from sigmapoint.noise import Gaussian, noise_of
 from sigmapoint.rules.linearization import Linearization
-from sigmapoint.smoothing import Smoother
-from sigmapoint.step import Filter, FilterState, Info
+from sigmapoint.smoothing.backward_model import Backward
+from sigmapoint.smoothing.smoother import Smoother, forward
+from sigmapoint.step import Filter
 
 
 class Information(NamedTuple):
@@ -49,7 +48,8 @@ class Linearized(Smoother):
     def __call__(
         self, run: Filter, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
     ) -> dict[str, Array]:
-        (beliefs, info), log_likelihood, _ = _forward(run, y, u, keep, real)
+        states, kept = forward(run, y, u, keep, real)
+        beliefs = states.belief
         model = affine.linearized(run, jax.vmap(lambda b: SquareRoot(b.mean, b.factor))(beliefs), y, u)
         kind, space = run.method.belief, run.model.state_space
 
@@ -64,8 +64,7 @@ class Linearized(Smoother):
             mean = space.retract(belief.mean, given.root @ (given.root.T @ later.eta))
             return fields(keep, kind.from_root(mean, given.root))
 
-        kept = jax.vmap(together)(beliefs, informed(model))
-        return {**kept, **info, "log_likelihood": log_likelihood}
+        return {**jax.vmap(together)(beliefs, informed(model)), **kept}
 
 
 def informed(model: Affine) -> Information:
@@ -78,72 +77,6 @@ def informed(model: Affine) -> Information:
 
     nothing = Information(jnp.zeros_like(model.c[0]), jnp.zeros_like(model.F[0]))
     return series.scan(step, nothing, model, reverse=True)[1]
-
-
-class Backward(Smoother, eqx.Module):
-    """Two filters, the second on a backward model."""
-
-    dynamics: Callable[..., Any]
-    noise: Additive | NonAdditive
-    initial: Gaussian
-
-    def __call__(
-        self, run: Filter, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
-    ) -> dict[str, Array]:
-        (beliefs, info), log_likelihood, _ = _forward(run, y, u, keep, real)
-        later = self.filtered(run, y, u, real)[0]
-        kind, space = run.method.belief, run.model.state_space
-        T = y.shape[0]
-        last = T - 1 if real is None else jnp.sum(real, dtype=int) - 1
-
-        def together(k: Array, belief: Belief, later: Belief) -> dict[str, Array]:
-            n = belief.factor.shape[0]
-            difference = space.residual(later.mean, belief.mean)[:, None]
-            state = known(belief, n)
-            seen = jnp.broadcast_to(k < last, n)
-            given = condition(Joint(state, state, Spread(later.cov, later.factor)), difference, seen, kind)
-            return fields(keep, kind.from_root(space.retract(belief.mean, given.step[:, 0]), given.root))
-
-        kept = jax.vmap(together)(jnp.arange(T), beliefs, later)
-        return {**kept, **info, "log_likelihood": log_likelihood}
-
-    def filtered(self, run: Filter, y: Array, u: Any, real: Array | None = None) -> tuple[Belief, Belief]:
-        """Beliefs about every state from the measurements after it, and from those and its own."""
-        forward = run.model
-        if self.initial.mean.shape != forward.initial.mean.shape:
-            raise ValueError(
-                f"two_filter: initial must have a mean of shape {forward.initial.mean.shape}, as the states of the "
-                f"model, got {self.initial.mean.shape}"
-            )
-        data_checks.long_enough(y.shape[0] - 1, noise=self.noise)
-        back = Filter.of(
-            StateSpaceModel(
-                self.dynamics,
-                forward.observation,
-                self.noise,
-                forward.observation_noise,
-                self.initial,
-                state_space=forward.state_space,
-                observation_space=forward.observation_space,
-            ),
-            run.method,
-        )
-
-        def step(ahead: FilterState, row: tuple[Array, Array, Any, Any]) -> tuple[FilterState, tuple[Belief, Belief]]:
-            k, y, u, before = row
-            state = back.update(ahead._replace(step=k), y, u)[0]
-            return back.predict(state._replace(step=k - 1), before), (ahead.belief, state.belief)
-
-        before = jax.tree.map(lambda a: jnp.concatenate([a[:1], a[:-1]]), u)
-        rows = (jnp.arange(y.shape[0]), y, u, before)
-        return series.scan(step, back.init(), rows, real=real, reverse=True)[1]
-
-
-def _forward(run: Filter, y: Array, u: Any, keep: tuple[str, ...], real: Array | None) -> Any:
-    def out(state: FilterState, info: Info) -> Any:
-        return state.belief, fields(keep, info)
-
-    return scan(run, y, u, out, real)
 
 
 def two_filter(

@@ -10,13 +10,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint import checks, series
+from sigmapoint import checks
+from sigmapoint.belief import Belief
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import prepared, scan
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.native import applied
-from sigmapoint.reversal import Reversal
+from sigmapoint.smoothing.reversal import Reversal, back
 from sigmapoint.step import Filter, FilterState
 
 
@@ -37,7 +38,7 @@ def trajectories(
         draws: how many.
 
     Returns:
-        The states (draws, T, n), in their units.
+        The states (draws, T, d), in their units; d is the length of the model's initial mean.
 
     Raises:
         ValueError: as `filter`; a key that is none, fewer draws than one.
@@ -60,20 +61,17 @@ def _drawn(
 ) -> Float[Array, "draws T d"]:
     run, space = Filter.of(model, method), model.state_space
     states = scan(run, y, u, lambda state, _: state)[0]
-    last = jax.tree.map(lambda a: a[-1], states.belief)
-    n, dtype = last.factor.shape[0], last.mean.dtype
     for_last, for_others = jax.random.split(key)
-    noise = jax.random.normal(for_last, (draws, n), dtype)
-    start = jax.vmap(lambda xi: space.retract(last.mean, applied(last.factor, xi)))(noise)
 
-    def step(later: Array, row: tuple[FilterState, Any, Array]) -> tuple[Array, Array]:
-        state, u, key = row
-        back = Reversal.of(run, state, u)
-        noise = jax.random.normal(key, (draws, back.root.shape[1]), dtype)
-        earlier = jax.vmap(lambda x, xi: back.point(space, x, xi))(later, noise)
-        return earlier, earlier
+    def drawn(key: Array, size: int) -> Array:
+        return jax.random.normal(key, (draws, size), model.initial.mean.dtype)
 
-    before = jax.tree.map(lambda a: a[:-1], (states, u))
-    keys = jax.random.split(for_others, y.shape[0] - 1)
-    found = series.scan(step, start, (*before, keys), reverse=True)[1] if y.shape[0] > 1 else start[None, :][:0]
-    return jnp.moveaxis(jnp.concatenate([found, start[None]]), 0, 1)
+    def start(last: Belief) -> Array:
+        noise = drawn(for_last, last.factor.shape[0])
+        return jax.vmap(lambda xi: space.retract(last.mean, applied(last.factor, xi)))(noise)
+
+    def step(later: Array, reversal: Reversal, state: FilterState) -> Array:
+        noise = drawn(jax.random.fold_in(for_others, state.step), reversal.root.shape[1])
+        return jax.vmap(lambda x, xi: reversal.point(space, x, xi))(later, noise)
+
+    return jnp.moveaxis(back(run, states, u, step, start), 0, 1)

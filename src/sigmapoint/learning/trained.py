@@ -27,8 +27,8 @@ class History(NamedTuple):
         return len(self.mse)
 
 
-class Fit(NamedTuple):
-    """A trained function."""
+class Trained(NamedTuple):
+    """A trained function; made by `learn`."""
 
     learner: Learner
     state: LearnerState

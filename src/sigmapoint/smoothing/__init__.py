@@ -1,0 +1,1 @@
+"""Looking back: each state from measurements after it too."""
