@@ -35,13 +35,9 @@ def _not_too_many_programs():
 @pytest.fixture(scope="session")
 def unit_vector():
     """A model that measures (cos θ, sin θ), two elements with one degree of freedom, and T measurements of it."""
+    from turning import CIRCLE
+
     sp = sigmapoint
-    circle = sp.Manifold(
-        lambda a, b: jnp.arctan2(b[0] * a[1] - b[1] * a[0], a[0] * b[0] + a[1] * b[1])[None],
-        lambda m, d: jnp.stack(
-            [m[0] * jnp.cos(d[0]) - m[1] * jnp.sin(d[0]), m[0] * jnp.sin(d[0]) + m[1] * jnp.cos(d[0])]
-        ),
-    )
     model = sp.StateSpaceModel(
         lambda x, u: x + 0.1,
         lambda x, u: jnp.stack([jnp.cos(x[0]), jnp.sin(x[0])]),
@@ -49,7 +45,7 @@ def unit_vector():
         1e-2 * jnp.eye(1),
         sp.Gaussian(jnp.zeros(1), 0.01 * jnp.eye(1)),
         state_space=sp.angles(0),
-        observation_space=circle,
+        observation_space=CIRCLE,
         state_names=("heading",),
         observation_names=("east", "north"),
         observation_units=("V", "V"),

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.expectation_maximization import Linear, em_step
+from turning import as_angle, measured, on_circle, vector
 
 import sigmapoint as sp
 
@@ -187,6 +188,35 @@ def test_states_of_any_scale_and_in_32_bits():
     np.testing.assert_allclose(low.model.process_noise.cov, one.model.process_noise.cov, rtol=1e-3, atol=1e-3)
 
 
+@pytest.mark.filterwarnings("ignore:em. not converged")
+def test_points_of_more_numbers_than_directions_are_learned_from_as_the_angle():
+    y = measured(40)
+    circle, angle = (
+        sp.em(build, y, theta=sp.real(0.2, 0.2), method=sp.srekf(), steps=4, tolerance=0.0)
+        for build, y in ((on_circle, vector(y)), (as_angle, y))
+    )
+    np.testing.assert_allclose(circle.log_likelihood, angle.log_likelihood, rtol=1e-8)
+    np.testing.assert_allclose(circle.theta, angle.theta, rtol=1e-6)
+    for name in ("process_noise", "observation_noise", "initial"):
+        np.testing.assert_allclose(getattr(circle.model, name).cov, getattr(angle.model, name).cov, rtol=1e-6)
+
+
+def test_parameters_beside_noises_that_change_with_time_end_where_fit_does():
+    ramp = jnp.linspace(0.02, 1.0, 80)[:, None, None]
+
+    def build(theta):
+        return sp.StateSpaceModel(
+            lambda x, u: theta * x, lambda x, u: x, 0.3 * ramp, 1.1 - ramp, sp.Gaussian(jnp.ones(1), jnp.eye(1))
+        )
+
+    y = sp.simulate(build(0.8), 80, key=4)[1].at[30:40].set(jnp.nan)
+    kept = {"process_noise": None, "observation_noise": None, "initial": None}
+    found = sp.em(build, y, theta=sp.real(0.5, 0.3), method=sp.srekf(), tolerance=1e-10, steps=500, **kept)
+    fitted = sp.fit(build, sp.real(0.5, 0.3), y, method=sp.srekf())
+    assert found.converged
+    np.testing.assert_allclose(found.theta, fitted.theta, atol=1e-3 * float(fitted.estimates.std))
+
+
 def test_what_cannot_be_learned_so_is_said():
     model, y = _model(START), _series(10)
     with pytest.raises(ValueError, match="nothing is left to learn"):
@@ -206,8 +236,6 @@ def test_what_cannot_be_learned_so_is_said():
     with pytest.raises(ValueError, match="changes with time"):
         sp.em(changing, y)
     kept = {"process_noise": None, "observation_noise": None, "initial": None}
-    with pytest.raises(ValueError, match="changes with time: use"):
-        sp.em(lambda theta: changing, y, theta=1.0, **kept)
     with pytest.raises(ValueError, match="is not finite: start from another"):
         sp.em(_model(START._replace(m0=np.full(2, 1e200))), y)
     box = sp.blackbox(lambda x, *_: A @ x)

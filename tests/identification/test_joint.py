@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from turning import as_angle, measured, on_circle, vector
 
 import sigmapoint as sp
 from sigmapoint import curves
@@ -158,6 +159,18 @@ def test_angles_stay_angles_and_every_driver_works():
     live = sp.online(model)
     state, _ = live.update(live.init(), y[0])
     assert sp.estimates(theta, state).value["rate"] == state.mean[1] * 0.3
+
+
+@pytest.mark.parametrize("run", [sp.filter, sp.smooth])
+def test_points_of_more_numbers_than_directions_are_filtered_as_the_angle(run):
+    y, theta = measured(60), sp.real(0.2, 0.1)
+    circle, angle = (
+        run(sp.joint(build, theta, drift=1e-6), y, method=sp.srcdkf())
+        for build, y in ((on_circle, vector(y)), (as_angle, y))
+    )
+    np.testing.assert_allclose(circle.mean, jnp.hstack([vector(angle.mean[:, :1]), angle.mean[:, 1:]]), atol=1e-9)
+    np.testing.assert_allclose(circle.cov, angle.cov, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(sp.estimates(theta, circle), sp.estimates(theta, angle), rtol=1e-8)
 
 
 def test_in_32_bits():

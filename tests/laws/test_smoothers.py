@@ -7,6 +7,7 @@ import pytest
 from laws.linear import case
 from laws.table import LARGEST, METHODS, precision
 from oracles.kalman import batch_least_squares
+from turning import CIRCLE, as_angle, measured, on_circle, vector
 
 import sigmapoint as sp
 from sigmapoint.filtering import scan
@@ -179,6 +180,65 @@ def test_a_bearing_that_wraps_is_smoothed_across_the_cut(name):
     error = jax.vmap(model.state_space.residual)(found.mean, x)
     assert (jnp.abs(error) < 4 * found.std).all()
     assert found.std.mean() < 0.9 * sp.filter(model, y).std.mean()
+
+
+SMOOTHERS = {
+    "rts": lambda m: sp.rts(),
+    "two_filter": lambda m: sp.two_filter(),
+    "fixed_lag": lambda m: sp.fixed_lag(3),
+    "backward": lambda m: sp.two_filter(
+        lambda x, u: m.state_space.retract(x, jnp.array([-0.3])),
+        noise=1e-3 * jnp.eye(1),
+        initial=sp.Gaussian(m.initial.mean, jnp.eye(1)),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SMOOTHERS)
+def test_points_of_more_numbers_than_directions_are_smoothed_as_the_angle(name):
+    y = measured(25)
+    (circle, x), (_angle, a) = (
+        (model, sp.smooth(model, y, method=sp.srcdkf(), smoother=SMOOTHERS[name](model)))
+        for model, y in ((on_circle(0.3), vector(y)), (as_angle(0.3), y))
+    )
+    assert circle.state_space is CIRCLE
+    np.testing.assert_allclose(x.mean, vector(jnp.asarray(a.mean)), atol=1e-9)
+    np.testing.assert_allclose(x.cov, a.cov, rtol=1e-8)
+
+
+def test_such_points_live_and_drawn():
+    y = measured(25)
+    live, flat = (sp.online_smoother(model(0.3), 4, sp.srcdkf()) for model in (on_circle, as_angle))
+    s, a = live.init(), flat.init()
+    for row in y:
+        (s, _), (a, _) = live.update(s, vector(row)), flat.update(a, row)
+        here, there = live.smoothed(s), flat.smoothed(a)
+        s, a = live.predict(s), flat.predict(a)
+    np.testing.assert_allclose(here.mean, vector(there.mean), atol=1e-9)
+    np.testing.assert_allclose(here.std, there.std, rtol=1e-8)
+    x, a = (
+        sp.trajectories(model, y, method=sp.srcdkf(), key=0, draws=5)
+        for model, y in ((on_circle(0.3), vector(y)), (as_angle(0.3), y))
+    )
+    np.testing.assert_allclose(x, vector(a), atol=1e-9)
+
+
+@pytest.mark.parametrize("method", [sp.srcdkf(), sp.srekf()])
+def test_a_backward_model_with_noises_that_change_with_time_gives_batch_least_squares(method):
+    r = np.random.default_rng(1)
+    T, n = 12, 2
+    A, H = np.array([[0.9, 0.4], [-0.3, 0.8]]), r.normal(size=(1, n))
+    Q = np.linspace(0.1, 2.0, T)[:, None, None] * np.diag([0.3, 0.1])
+    R = np.linspace(0.5, 0.05, T)[:, None, None] * np.eye(1)
+    y, P0, inverse = r.normal(size=(T, 1)), np.eye(n), np.linalg.inv(A)
+    model = sp.StateSpaceModel(lambda x, u: A @ x, lambda x, u: H @ x, Q, R, sp.Gaussian(np.zeros(n), P0))
+    end = sp.Gaussian(np.zeros(n), 1e11 * np.eye(n))
+    back = sp.two_filter(lambda x, u: inverse @ x, noise=inverse @ Q @ inverse.T, initial=end)
+    found = sp.smooth(model, y, method=method, smoother=back)
+    F, zero = np.tile(A, (T, 1, 1)), np.zeros((T, n))
+    exact = batch_least_squares(F, zero, Q, np.tile(H, (T, 1, 1)), np.zeros((T, 1)), R, np.zeros(n), P0, y)
+    np.testing.assert_allclose(found.mean, exact.mean, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.cov, exact.cov, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("smoother", [*BACK.values(), sp.fixed_lag(2)])

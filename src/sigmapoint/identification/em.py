@@ -71,8 +71,8 @@ def em(
         An `EM`: the model, `theta`, the log-likelihood step by step, and whether it has converged.
 
     Raises:
-        ValueError: as `filter`; nothing to learn; noises to learn, or beside parameters, that are not additive or
-            change with time; a likelihood that is not finite at the start; parameters of a black box.
+        ValueError: as `filter`; nothing to learn; noises to learn that change with time; noises to learn, or beside
+            parameters, that are not additive; a likelihood that is not finite at the start; parameters of a black box.
         ImportError: parameters, and optimistix is not installed (`pip install sigmapoint[fit]`).
 
     Warns where the likelihood has fallen (the approximation of the filter is too coarse to go on; the best model so far
@@ -175,9 +175,8 @@ def _problem(
         noise: Any = getattr(given, name)
         if (structure is not None or z is not None) and not isinstance(noise, Additive):
             raise ValueError(f"em: the {name} of the model is not additive; sp.fit learns such models")
-        if (structure is not None or z is not None) and noise.cov.ndim == 3:
-            hint = f"keep it, {name}=None, or use sp.fit" if z is None else "use sp.fit"
-            raise ValueError(f"em: the {name} of the model changes with time: {hint}")
+        if structure is not None and noise.cov.ndim == 3:
+            raise ValueError(f"em: the {name} of the model changes with time: keep it, {name}=None, or use sp.fit")
     if z is None and process is None and observation is None and initial is None:
         raise ValueError("em: nothing is left to learn; give theta, or a structure for one of the noises")
     found = Found(

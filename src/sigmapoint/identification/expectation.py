@@ -41,10 +41,21 @@ class Smoothed(NamedTuple):
 
 
 class Moments(NamedTuple):
-    """A sum of second moments, and of how many."""
+    """Sums of second moments, and of how many: of a row, or over rows and series."""
 
-    total: Float[Array, "n n"]
-    number: Float[Array, ""]
+    total: Float[Array, "*S n n"]
+    number: Float[Array, "*S"]
+
+    @classmethod
+    def of(cls, each: Float[Array, "T n n"], there: Bool[Array, "T"]) -> "Moments":
+        """Of every row."""
+        return cls(jnp.where(there[:, None, None], each, 0.0), there.astype(each.dtype))
+
+    @property
+    def summed(self) -> "Moments":
+        """All together."""
+        n = self.total.shape[-1]
+        return Moments(self.total.reshape(-1, n, n).sum(0), self.number.sum())
 
 
 def smoothed(run: Filter, y: Array, u: Any, real: Array) -> tuple[Smoothed, Float[Array, ""]]:
@@ -61,7 +72,7 @@ def smoothed(run: Filter, y: Array, u: Any, real: Array) -> tuple[Smoothed, Floa
 
 
 def of_transitions(run: Filter, s: Smoothed) -> Moments:
-    """E[w wᵀ] over a series."""
+    """E[w wᵀ] of every transition."""
     space = run.model.state_space
 
     def one(k: Array, now: Smoothed, then: Array, L: Array) -> Array:
@@ -77,11 +88,11 @@ def of_transitions(run: Filter, s: Smoothed) -> Moments:
 
     T = s.mean.shape[0]
     before = jax.tree.map(lambda a: a[:-1], s)
-    return _summed(jax.vmap(one)(jnp.arange(T - 1), before, s.mean[1:], s.factor[1:]), s.real[1:])
+    return Moments.of(jax.vmap(one)(jnp.arange(T - 1), before, s.mean[1:], s.factor[1:]), s.real[1:])
 
 
 def of_measurements(run: Filter, s: Smoothed, R: Float[Array, "*T m m"]) -> Moments:
-    """E[v vᵀ] over a series; elements that were not measured are what `R`, so far, expects of them."""
+    """E[v vᵀ] of every row; elements that were not measured are what `R`, so far, expects of them."""
 
     def one(k: Array, mean: Array, L: Array, y: Array, u: Any, R: Array) -> tuple[Array, Array]:
         fs = run.functions(k, y.shape)
@@ -98,7 +109,7 @@ def of_measurements(run: Filter, s: Smoothed, R: Float[Array, "*T m m"]) -> Mome
     T = s.mean.shape[0]
     Rs = jnp.broadcast_to(R, (T, *R.shape[-2:]))
     each, there = jax.vmap(one)(jnp.arange(T), s.mean, s.factor, s.y, s.u, Rs)
-    return _summed(each, s.real & there)
+    return Moments.of(each, s.real & there)
 
 
 def _second(lin: Linearization) -> Float[Array, "n n"]:
@@ -113,10 +124,6 @@ def _completed(seen: Float[Array, "m m"], R: Float[Array, "m m"], active: Bool[A
     A = jnp.where(active[:, None], jnp.eye(R.shape[0], dtype=R.dtype), A)
     left = jnp.where(active[:, None] | active[None, :], 0.0, R - A @ jnp.where(active[:, None], R, 0.0))
     return A @ jnp.where(both, seen, 0.0) @ A.T + left
-
-
-def _summed(each: Float[Array, "T n n"], there: Bool[Array, "T"]) -> Moments:
-    return Moments(jnp.sum(jnp.where(there[:, None, None], each, 0.0), axis=0), jnp.sum(there, dtype=each.dtype))
 
 
 def first(s: Smoothed) -> SquareRoot:

@@ -90,20 +90,15 @@ def maximized(problem: Problem, found: Found, y: Array, u: Any, real: Array) -> 
     run = Filter.of(problem.model(found), problem.method)
     if problem.process is not None:
         # A series of one row has no transition.
-        w = _total(jax.vmap(partial(expectation.of_transitions, run))(s)) if y.shape[1] > 1 else None
+        w = jax.vmap(partial(expectation.of_transitions, run))(s).summed if y.shape[1] > 1 else None
         found = found if w is None else found._replace(process=_learned(problem.process, w, found.process))
     if problem.observation is not None:
         R = run.model.observation_noise.cov
-        v = _total(jax.vmap(partial(expectation.of_measurements, run, R=R))(s))
+        v = jax.vmap(partial(expectation.of_measurements, run, R=R))(s).summed
         found = found._replace(observation=_learned(problem.observation, v, found.observation))
     if problem.initial is not None:
         found = found._replace(initial=_initial(problem.initial, model, s))
     return found, log_likelihood.sum()
-
-
-def _total(moments: Moments) -> Moments:
-    """Over the series."""
-    return Moments(moments.total.sum(0), moments.number.sum())
 
 
 def _learned(structure: Structure, moments: Moments, before: Any) -> Float[Array, "n n"]:
@@ -143,14 +138,22 @@ def _cost(model: StateSpaceModel, now: StateSpaceModel, problem: Problem, s: Smo
     steps = jax.vmap(lambda mean: model.state_space.residual(mean, model.initial.mean))(s.mean[:, 0])
     L = s.factor[:, 0]
     M = Moments((L @ L.mT).sum(0) + steps.T @ steps, jnp.asarray(steps.shape[0], steps.dtype))
-    v = _total(jax.vmap(partial(expectation.of_measurements, run, R=now.observation_noise.cov))(s))
+    v = jax.vmap(partial(expectation.of_measurements, run, R=now.observation_noise.cov))(s)
     total = _surprise(model.initial.cov, M) + _surprise(observation.cov, v)
     if s.y.shape[1] > 1:
-        total += _surprise(process.cov, _total(jax.vmap(partial(expectation.of_transitions, run))(s)))
+        total += _surprise(process.cov, jax.vmap(partial(expectation.of_transitions, run))(s))
     return jnp.where(jnp.isfinite(total), total, jnp.inf)
 
 
-def _surprise(cov: Float[Array, "n n"], moments: Moments) -> Float[Array, ""]:
+def _surprise(cov: Float[Array, "*T n n"], moments: Moments) -> Float[Array, ""]:
+    """Of all moments; by the covariance of its instant where that changes."""
+    if cov.ndim == 2:
+        return _surprise_of_one(cov, moments.summed)
+    rows = moments.number.shape[1]
+    return jax.vmap(_surprise_of_one)(cov[:rows], jax.tree.map(lambda a: a.sum(0), moments)).sum()
+
+
+def _surprise_of_one(cov: Float[Array, "n n"], moments: Moments) -> Float[Array, ""]:
     cov = cov.astype(moments.total.dtype)
     variance = jnp.diagonal(cov)
     L = jnp.linalg.cholesky(cov + LEAST * jnp.diag(jnp.where(variance > 0, variance, jnp.max(variance))))

@@ -83,7 +83,7 @@ def back(
     Returns:
         What `out` keeps, with a leading axis T.
     """
-    T = states.mean.shape[0]
+    T = states.step.shape[0]
     last = last_row(T, real)
 
     def one(later: Any, row: tuple[Array, FilterState, Any]) -> tuple[Any, Any]:
