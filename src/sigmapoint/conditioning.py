@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from sigmapoint.belief import Belief, Spread
+from sigmapoint.leading import leading
 from sigmapoint.linalg import one_where_zero, safe_sqrt
 from sigmapoint.native import LARGEST, materialized, small
 from sigmapoint.rules.linearization import Linearization
@@ -120,12 +121,13 @@ def _together(elements: Rows, states: Rows, floor: Float[Array, " d"]) -> Condit
         root = states.slope.T @ L[d:]
         return Conditioned(root[:, :d] @ white, root[:, d:], white[:, 0], variance[:d], ~silent)
 
-    return jax.lax.cond(clear.all(), direct, lambda: _one_by_one(elements, states, floor))
+    given = jax.lax.cond(clear.all(), direct, lambda: _one_by_one(elements, states, floor))
+    return leading(given, elements, states, floor)
 
 
 @_together.defjvp
 def _together_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Conditioned, Conditioned]:
-    return jax.jvp(_one_by_one, primals, tangents)
+    return leading(jax.jvp(_one_by_one, primals, tangents), primals)
 
 
 def _arranged(joint: Joint, difference: Array, active: Array, floor: Array, kind: type[Belief]) -> tuple[Rows, Rows]:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from sigmapoint import checks, function_checks
+from sigmapoint.leading import leading
 
 
 def with_jacobian(name: str, function: Callable[..., Any], jacobian: Callable[..., Any] | None) -> Callable[..., Any]:
@@ -44,7 +45,7 @@ def _sloped(
     function: Callable[..., Array], slope: Callable[..., Array], x: Array, rest: Any, held: Any, held_by_slope: Any
 ) -> Array:
     """`function(x, *rest, *held)`, whose derivative in `x` is `slope` and whose others are its own."""
-    return function(x, *rest, *held)
+    return leading(function(x, *rest, *held), x, rest, held, held_by_slope)
 
 
 @partial(_sloped.defjvp, symbolic_zeros=True)
@@ -59,7 +60,7 @@ def _sloped_jvp(
         moved = jax.jvp(lambda rest, held: function(x, *rest, *held), primals[1:3], others)[1]
     if not _still(tangents[0]):
         moved = moved + slope(x, *rest, *held_by_slope) @ tangents[0]
-    return value, moved
+    return leading((value, moved), primals)
 
 
 def _still(tangent: Any) -> bool:

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from sigmapoint.leading import leading
 from sigmapoint.native import materialized, small
 
 
@@ -46,13 +47,13 @@ def left_looking(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
 def _by_lapack(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     L = jnp.linalg.cholesky(P, symmetrize_input=False)
     tiny = jnp.diagonal(L) ** 2 <= P.shape[0] * jnp.finfo(P.dtype).eps * jnp.diagonal(P)
-    return jax.lax.cond(jnp.isfinite(L).all() & ~tiny.any(), lambda: L, lambda: _right_looking(P))
+    return leading(jax.lax.cond(jnp.isfinite(L).all() & ~tiny.any(), lambda: L, lambda: _right_looking(P)), P)
 
 
 @_by_lapack.defjvp
 def _by_lapack_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
     # LAPACK's has no finite derivative where P is singular.
-    return jax.jvp(_right_looking, primals, tangents)
+    return leading(jax.jvp(_right_looking, primals, tangents), primals)
 
 
 def _right_looking(P: Float[Array, "n n"]) -> Float[Array, "n n"]:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from sigmapoint.leading import leading
 from sigmapoint.linalg import left_looking, norm_rows, one_where_zero, safe_sqrt, solve_lower
 from sigmapoint.native import gram, materialized, product, small
 
@@ -45,8 +46,7 @@ def tria(
 
 @partial(jax.custom_jvp, nondiff_argnums=(2,))
 def _tria(A: Array, known: Array, many: bool) -> Array:
-    del known
-    return orthogonalized(A, many=many)[0]
+    return leading(orthogonalized(A, many=many)[0], A, known)
 
 
 @_tria.defjvp
@@ -58,7 +58,7 @@ def _tria_jvp(many: bool, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -
     L = L + _change(L, Q, A - fixed, known - fixed_known)
     rows = _resolved(L, A)
     Q = Q + (rows - jax.lax.stop_gradient(rows))
-    return L, _change(L, Q, dA, dknown)
+    return leading((L, _change(L, Q, dA, dknown)), A, known)
 
 
 def _change(L: Array, Q: Array, dA: Array, dknown: Array) -> Array:
