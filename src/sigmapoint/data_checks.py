@@ -42,10 +42,10 @@ def truth(given: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def long_enough(T: int, **noises: Any) -> None:
-    """A time-varying noise has at least T rows."""
+    """A time-varying noise has at least T rows, or the last one holds."""
     for name, noise in noises.items():
         for part, ndim in ((noise.cov, 3), (noise.mean, 2)):
-            if part.ndim == ndim and part.shape[0] < T:
+            if part.ndim == ndim and part.shape[0] < T and not noise.lasting:
                 raise ValueError(f"{name} is given for {part.shape[0]} instants, but y has {T} rows")
 
 

@@ -76,6 +76,7 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
         >>> print(str(found).splitlines()[0])
         good     The error bars fit the innovations: mean NIS ... per measured element, expected 0.88 to 1.13; ...
     """
+    checks.instance("post", post, Posterior, "a result of sp.filter or sp.smooth, as the `.post` of one of sp.dual")
     innovation, nis = field(post, "innovation"), field(post, "nis")
     normal = normalised(innovation, field(post, "innovation_cov"))
     inputs = dict(list(input_columns(post.u, len(nis)).items())[:COLUMNS])

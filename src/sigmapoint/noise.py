@@ -103,6 +103,7 @@ class Additive(eqx.Module):
         cov: covariance (q, q), or (T, q, q) with one for each instant, in squared units of the value; a `Gaussian`
             gives its mean along with it.
         mean: (q,) or (T, q), in units of the value; zero where not given.
+        lasting: the last of the T holds from there on; a longer series is refused otherwise.
 
     Raises:
         ValueError: a covariance that is not symmetric or not positive semi-definite, a mean of another size, NaN.
@@ -116,9 +117,11 @@ class Additive(eqx.Module):
 
     mean: Float[Array, "*T q"]
     cov: Float[Array, "*T q q"]
+    lasting: bool = eqx.field(static=True)
 
-    def __init__(self, cov: Any, mean: Any = None):
+    def __init__(self, cov: Any, mean: Any = None, *, lasting: bool = False):
         self.cov, self.mean = _noise_arrays(cov, mean)
+        self.lasting = lasting
 
     kind = AdditiveNoise
 
@@ -137,6 +140,7 @@ class NonAdditive(eqx.Module):
     Args:
         cov: covariance of the noise; its size q is that of the argument `w`. A `Gaussian` gives its mean along with it.
         mean: its mean (q,) or (T, q); zero where not given.
+        lasting: the last of the T holds from there on; a longer series is refused otherwise.
 
     Raises:
         ValueError: a covariance that is not symmetric or not positive semi-definite, a mean of another size, NaN.
@@ -151,9 +155,11 @@ class NonAdditive(eqx.Module):
 
     mean: Float[Array, "*T q"]
     cov: Float[Array, "*T q q"]
+    lasting: bool = eqx.field(static=True)
 
-    def __init__(self, cov: Any, mean: Any = None):
+    def __init__(self, cov: Any, mean: Any = None, *, lasting: bool = False):
         self.cov, self.mean = _noise_arrays(cov, mean)
+        self.lasting = lasting
 
     kind = StackedNoise
 

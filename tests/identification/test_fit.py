@@ -10,6 +10,7 @@ from oracles.kalman import kalman_filter
 
 import sigmapoint as sp
 from sigmapoint.identification import search
+from sigmapoint.identification.profile import Profile
 
 TRUTH = {"a": 0.9, "q": 1.0, "r": 2.0}
 THETA = {"a": sp.bounded(0.5, 0.2, low=-1.0, high=1.0), "q": sp.positive(0.3, 0.3), "r": sp.positive(1.0, 1.0)}
@@ -169,3 +170,28 @@ def test_bfgs_finds_the_end_of_a_curved_valley():
     found = jax.jit(lambda s: search.minimum(valley, s, 1.0, 200))(jnp.array([-1.2, 1.0]))
     np.testing.assert_allclose(found.s, 1.0, atol=1e-10)
     assert int(found.steps) < 100
+
+
+def _level(q):
+    """A state whose process noise is `q`, which may be no variance."""
+    return sp.StateSpaceModel(
+        lambda x, u: 0.9 * x, lambda x, u: x, q * jnp.eye(1), 0.1 * jnp.eye(1), sp.Gaussian(jnp.ones(1), jnp.eye(1))
+    )
+
+
+def test_a_variance_is_not_fitted_below_zero():
+    y = sp.simulate(_level(1e-9), 60, key=0)[1]
+    density = sp.log_posterior(_level, sp.real(0.05, 0.1), y)
+    below = jnp.array([-1.0])
+    assert density(below) == -jnp.inf
+    assert jax.grad(density)(below) == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the optimum may be at the bound
+        assert sp.fit(_level, sp.real(0.05, 0.1), y, method=sp.ekf()).theta >= 0
+
+
+def test_a_profile_begins_at_its_own_peak_and_says_so():
+    value = np.linspace(-2.0, 2.0, 9)
+    two = Profile("a", value, -2 * np.minimum((value + 1) ** 2 + 0.1, (value - 1) ** 2 / 0.1), -0.2)
+    low, high = two.interval
+    assert low < 1 < high

@@ -170,7 +170,8 @@ def test_points_of_more_numbers_than_directions_are_filtered_as_the_angle(run):
     )
     np.testing.assert_allclose(circle.mean, jnp.hstack([vector(angle.mean[:, :1]), angle.mean[:, 1:]]), atol=1e-9)
     np.testing.assert_allclose(circle.cov, angle.cov, rtol=1e-8, atol=1e-12)
-    np.testing.assert_allclose(sp.estimates(theta, circle), sp.estimates(theta, angle), rtol=1e-8)
+    for one, other in zip(*(jax.tree.leaves(sp.estimates(theta, post)) for post in (circle, angle))):
+        np.testing.assert_allclose(one, other, rtol=1e-8)
 
 
 def test_in_32_bits():
@@ -240,3 +241,34 @@ def test_what_is_no_parameter_goes_along_and_states_keep_their_precision():
     assert found.value["k"].shape == (5,)
     x = jnp.array([0.56172839, 0.0])
     assert model.dynamics(x, None)[0] == build({**theta, "k": jnp.asarray(1.5)}).dynamics(x[:1], None)[0]
+
+
+def test_a_drift_stays_at_its_floor_however_long_the_series():
+    def still(z):
+        return sp.StateSpaceModel(
+            lambda x, u: 0.5 * x, lambda x, u: jnp.zeros(1) * z, jnp.eye(1), jnp.eye(1),
+            sp.Gaussian(jnp.zeros(1), jnp.eye(1)),
+        )  # fmt: skip
+
+    model = sp.joint(still, sp.real(0.0, 1.0), sp.annealed(1.0, 0.5, 0.25))
+    variance = sp.filter(model, np.full((8, 1), np.nan)).cov[:, 1, 1]
+    np.testing.assert_allclose(np.diff(variance), [1.0, 0.5, *[0.25] * 5], rtol=1e-9)
+
+
+@pytest.mark.parametrize("given", [0.01, 0.03, 0.3, 3.0])
+def test_a_deviation_is_half_the_central_68_percent(given):
+    z = jnp.array([-1.0, 0.0, 1.0])
+    for unknown in (sp.real(0.03, given), sp.positive(0.03, given), sp.bounded(0.03, given, -1.0, 7.0)):
+        low, middle, high = (float(unknown.range.value(unknown.center, unknown.std, one)) for one in z)
+        np.testing.assert_allclose([middle, (high - low) / 2], [0.03, given], rtol=1e-9)
+
+
+def test_estimates_are_of_the_parameters_that_were_joined():
+    theta = {"k": sp.real(2.0, 0.1)}
+    post = sp.filter(sp.joint(lambda t: _swing(t["k"]), theta), jnp.zeros((3, 1)))
+    with pytest.raises(ValueError, match="theta must be the one that was given to joint: it makes z.other"):
+        sp.estimates({"other": theta["k"]}, post)
+    with pytest.raises(ValueError, match="a function that JAX can trace"):
+        sp.joint(lambda t: _swing(float(t["k"])), theta)
+    with pytest.raises(ValueError, match="std must be less than 0.5"):
+        sp.bounded(0.5, 0.5, low=0.0, high=1.0)

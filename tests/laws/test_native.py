@@ -180,3 +180,17 @@ def test_one_row_through_posterior_linearization(in_parallel):
     found = sp.smooth(model, np.ones((1, 1)), smoother=sp.ipls(2, parallel=in_parallel))
     np.testing.assert_allclose(found.mean, [[0.5, 0.0]], atol=1e-12)
     np.testing.assert_allclose(found.cov, [np.diag([0.5, 1.0])], atol=1e-12)
+
+
+@pytest.mark.parametrize("smoother", [sp.two_filter(), sp.fixed_lag(2), sp.ipls(2)], ids=str)
+def test_derivatives_of_what_looks_back_are_those_of_finite_differences(smoother):
+    def last(q):
+        model = sp.StateSpaceModel(
+            lambda x, u: jnp.stack([x[0] + 0.1 * x[1], x[1] - q * x[0]]), lambda x, u: x[:1], q * jnp.eye(2),
+            jnp.eye(1), sp.Gaussian(jnp.ones(2), jnp.eye(2)),
+        )  # fmt: skip
+        return (sp.smooth(model, jnp.ones((6, 1)), smoother=smoother).mean ** 2).sum()
+
+    value = jax.jit(last)
+    difference = (value(0.3 + 1e-5) - value(0.3 - 1e-5)) / 2e-5
+    np.testing.assert_allclose(jax.jit(jax.grad(last))(0.3), difference, rtol=1e-6)

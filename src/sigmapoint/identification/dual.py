@@ -7,6 +7,7 @@ Source: Wan & Nelson, "Dual Extended Kalman Filter Methods" (2001), Table 5.3; W
 Kalman Filter" (2001), section 7.5.
 """
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -138,12 +139,22 @@ class Dual(eqx.Module):
         for epoch in range(epochs):
             learner, kept, history[epoch] = unwrapped(through, self, learner, samples)
         last = jax.tree.map(lambda a: a[-1], u)
+        self._warn(learner)
         return DualResult(
             Posterior.of(model, y, u, {**kept, "log_likelihood": jnp.sum(kept["log_likelihood"])}),
             _estimates(self.cell.unknowns, kept["z"], kept["z_std"]),
             DualState(self.cell, learner, last, jnp.asarray(y.shape[0], int)),
             DualHistory(*history.T),
         )
+
+    def _warn(self, learner: LearnerState) -> None:
+        """Say where the parameters at the end are those of no model: a variance may have become negative."""
+        try:
+            self.cell.model(learner.mean)
+        except ValueError as error:
+            warnings.warn(
+                f"dual: the parameters at the end make no model: {error}; a variance is sp.positive", stacklevel=3
+            )
 
 
 def _sampled(dual: Dual, learner: LearnerState, sample: Sample) -> tuple[LearnerState, Info]:

@@ -37,6 +37,11 @@ class EM(NamedTuple):
     converged: bool
     """whether the last step changed it by less than the tolerance"""
 
+    def __str__(self) -> str:
+        first, best, steps = self.log_likelihood[0], self.log_likelihood.max(), len(self.log_likelihood) - 1
+        ending = "" if self.converged else ", not converged"
+        return f"log-likelihood from {first:.6g} to {best:.6g} in {steps} steps{ending}"
+
 
 def em(
     model: Any,

@@ -1,7 +1,8 @@
 """What is known of parameters, in their own units, from a belief about z (`unknowns`)."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -15,7 +16,7 @@ BAR = 2.0
 """Standard deviations to either end of an interval."""
 
 
-class Estimates(NamedTuple):
+class Estimates(eqx.Module):
     """What is known of parameters, each field a pytree like them; with a leading axis where that changes with time."""
 
     value: Any
@@ -54,7 +55,7 @@ def estimates(theta: Any, post: Posterior | FilterState) -> Estimates:
         leaves have a leading axis T.
 
     Raises:
-        ValueError: a result without `mean` and `std`, or with fewer states than there are parameters.
+        ValueError: a result without `mean` and `std`, or of another model than `theta` makes.
 
     Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
@@ -68,9 +69,16 @@ def estimates(theta: Any, post: Posterior | FilterState) -> Estimates:
         True
     """
     unknowns = Unknowns.of(theta)
-    checks.instance("post", post, Posterior | FilterState, "a result of sp.filter, sp.smooth, sp.batch or sp.online")
+    wanted = "a result of sp.filter or sp.smooth, one of those of sp.batch, or a state of sp.online"
+    checks.instance("post", post, Posterior | FilterState, wanted)
     if post.mean is None or post.std is None:
         raise ValueError("estimates: the result has no mean or no std: filter with both among keep=")
     if post.std.shape[-1] < unknowns.size:
         raise ValueError(f"estimates: {unknowns.size} parameters in a result of {post.std.shape[-1]} states")
+    names = tuple(f"z.{name}" for name in unknowns.names)
+    if isinstance(post, Posterior) and post.labels.states[-unknowns.size :] != names:
+        raise ValueError(
+            f"theta must be the one that was given to joint: it makes {', '.join(names)} of the last states, and those "
+            f"of the result are {', '.join(post.labels.states[-unknowns.size :])}"
+        )
     return Estimates.of(unknowns, post.mean[..., -unknowns.size :], post.std[..., -unknowns.size :])

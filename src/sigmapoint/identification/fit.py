@@ -28,6 +28,8 @@ from sigmapoint.model import StateSpaceModel
 
 NEAR = 0.01
 """Standard deviations from the optimum at which a search has arrived."""
+BETTER = 0.01
+"""Log-likelihood above that of the fit that is no round-off."""
 
 
 class Fit(eqx.Module):
@@ -83,7 +85,14 @@ class Fit(eqx.Module):
         points = checks.whole("profile: points", points, 3)
         z, density = profiled(self.posterior, self.z, self.z_cov, jnp.asarray(self.names.index(name)), points)
         value = np.asarray(jax.vmap(self.posterior.unknowns.values)(z))[:, self.names.index(name)]
-        return Profile(name, value, np.asarray(density), float(self.posterior(self.z)))
+        profile = Profile(name, value, np.asarray(density), float(self.posterior(self.z)))
+        if profile.log_likelihood.max() > profile.best + BETTER:
+            warnings.warn(
+                f"profile: at {name} = {value[profile.log_likelihood.argmax()]:.4g} the likelihood is higher than at "
+                "the fit, which is a local maximum, or not quite one: fit again from there",
+                stacklevel=2,
+            )
+        return profile
 
     def plot_profiles(self, points: int = 21) -> np.ndarray:
         """Draw the profile of every parameter; returns the matplotlib axes."""
@@ -95,7 +104,7 @@ class Fit(eqx.Module):
         found = Estimates.of(unknowns.flat, self.z, std)
         rows = [("", "value", "std", "95 % interval")]
         for i, name in enumerate(self.names):
-            value, spread, low, high = (f"{float(a[i]):.4g}" for a in found)
+            value, spread, low, high = (f"{float(a[i]):.4g}" for a in (found.value, found.std, found.low, found.high))
             rows.append((name, value, spread, f"{low} … {high}") if spread != "nan" else (name, value, "open", ""))
         widths = [max(map(len, column)) for column in zip(*rows)]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows]
@@ -175,16 +184,19 @@ def fit(
 
 
 def _warn(found: Fit, distance: float, steps: int) -> None:
+    if not found.converged:
+        out_of_steps = found.steps >= steps
+        way = f"give steps more than {steps}, or" if out_of_steps else "the search went no further: give"
+        warnings.warn(
+            f"fit: not converged after {found.steps} steps, about {distance:.2g} standard deviations from the optimum: "
+            f"{way} theta centres that are closer and deviations as large as they are off; a variance is sp.positive",
+            stacklevel=3,
+        )
+        return
     left = [name for name, variance in zip(found.names, np.diagonal(found.z_cov)) if not np.isfinite(variance)]
     if left:
         warnings.warn(
-            f"fit: the measurements leave {', '.join(left)} open, alone or together: the likelihood is flat there (or "
-            "not at a maximum), and the standard deviation is NaN. Fix one, use prior=1, or see profile()",
-            stacklevel=3,
-        )
-    if not found.converged:
-        warnings.warn(
-            f"fit: not converged after {found.steps} steps, about {distance:.2g} standard deviations from the optimum: "
-            f"give steps more than {steps}, or theta centres that are closer and deviations as large as they are off",
+            f"fit: the measurements leave {', '.join(left)} open, alone or together: the likelihood is flat there (as "
+            "at a bound), and the standard deviation is NaN. Fix one, use prior=1, or see profile()",
             stacklevel=3,
         )

@@ -33,6 +33,7 @@ class Part(NamedTuple):
     kind: type[Additive] | type[NonAdditive]
     mean: Array
     cov: Array
+    lasting: bool
 
 
 def joint(build: Callable[[Any], StateSpaceModel], theta: Any, drift: Any = 0.0) -> StateSpaceModel:
@@ -42,9 +43,11 @@ def joint(build: Callable[[Any], StateSpaceModel], theta: Any, drift: Any = 0.0)
     the vector z of `estimates`, which has them in their own units.
 
     Args:
-        build: `build(theta) -> StateSpaceModel`, a function that JAX can trace. Its initial belief may depend on the
-            parameters, and so may its noises; then they are part of the points. (How large a noise is cannot be learned
-            so, as no Gaussian filter sees it in a mean: use `em` or `fit`.)
+        build: `build(theta) -> StateSpaceModel`, a function that JAX can trace. Its noises may depend on the
+            parameters; then they are part of the points. (How large a noise is cannot be learned so, as no Gaussian
+            filter sees it in a mean: its parameter keeps its prior. Use `em`, `fit`, or `dual` with
+            `maximum_likelihood()`.) Where the initial mean depends on them the belief about both is correlated, to
+            first order; the initial covariance is that at their centre.
         theta: the parameters and what is known of them: `sp.Gaussian` over a vector, or any pytree of `sp.real`,
             `sp.positive`, `sp.bounded` and numbers; a number stands for one that may be off by its own size.
         drift: the variance that each gains at every step, so that it is followed as it changes: a number, variances
@@ -95,8 +98,8 @@ def joint(build: Callable[[Any], StateSpaceModel], theta: Any, drift: Any = 0.0)
     return StateSpaceModel(
         dynamics,
         observation,
-        motion.kind(cov, mean),
-        sight.kind(sight.cov, sight.mean),
+        motion.kind(cov, mean, lasting=motion.lasting),
+        sight.kind(sight.cov, sight.mean, lasting=sight.lasting),
         _initial(model, z0, P),
         state_space=beside(at_prior.state_space, d, n),
         observation_space=at_prior.observation_space,
@@ -121,8 +124,10 @@ def _part(
         return noise.mean, noise.cov
 
     if not _depends(numbers, z0):
-        return Part(lambda m, *args: function(m)(*args), type(noise), noise.mean, noise.cov)
-    if noise.cov.ndim == 3:
+        # A drift that changes is at its floor at the end; a noise of the model's that does must cover the series.
+        lasting = noise.lasting or (noise.cov.ndim == 2 and noise.mean.ndim == 1)
+        return Part(lambda m, *args: function(m)(*args), type(noise), noise.mean, noise.cov, lasting)
+    if noise.cov.ndim == 3 or noise.mean.ndim == 2:
         raise ValueError(f"joint: {name} depends on theta and on time; keep one of the two out of build")
 
     def through(m: StateSpaceModel, x: Array, u: Any, xi: Array) -> Array:
@@ -130,7 +135,7 @@ def _part(
         return here.kind(here.mean, Spread.of(here.cov)).through(function(m), space(m)).call(x, u, xi)
 
     q = noise.cov.shape[-1]
-    return Part(through, NonAdditive, jnp.zeros(q, noise.cov.dtype), jnp.eye(q, dtype=noise.cov.dtype))
+    return Part(through, NonAdditive, jnp.zeros(q, noise.cov.dtype), jnp.eye(q, dtype=noise.cov.dtype), True)
 
 
 def _depends(function: Callable[[Array], Any], z: Array) -> bool:

@@ -26,13 +26,17 @@ from sigmapoint.model import StateSpaceModel
 from sigmapoint.ragged import stacked
 from sigmapoint.step import LOG_2PI, Filter
 
+ROUND_OFF = 1e-6
+"""Negative variance that a matrix of correlations may have."""
+
 
 class LogPosterior(eqx.Module):
     """The logarithm of the density of z, up to a constant; made by `log_posterior`.
 
     Under `jax.jit`, `jax.grad`, `jax.hessian` and `jax.vmap` it is one program, compiled once for each `build` (and
-    without them, too). Where the value or a derivative is not finite it is -inf with a gradient of zero: a sampler
-    rejects that, and a line search steps back. Derivatives go backward first: for `jax.jvp`, take `log_likelihood`.
+    without them, too). Where the value or a derivative is not finite, or a covariance of the model is none, it is -inf
+    with a gradient of zero: a sampler rejects that, and a line search steps back. Derivatives go backward first: for
+    `jax.jvp`, take `log_likelihood`.
     """
 
     build: Callable[[Any], StateSpaceModel]
@@ -54,7 +58,8 @@ class LogPosterior(eqx.Module):
     @eqx.filter_jit
     def log_likelihood(self, z: Float[Array, " L"]) -> Float[Array, ""]:
         """Natural logarithm of the density of all measurements, as the filter has it; series are independent."""
-        run = Filter.of(self.build(self.theta(z)), self.method)
+        model = self.build(self.theta(z))
+        run = Filter.of(model, self.method)
         T = self.y.shape[1]
 
         def one(y: Array, u: Any, *length: Array) -> Array:
@@ -62,7 +67,7 @@ class LogPosterior(eqx.Module):
             return scan(run, y, u, lambda state, info: None, real)[1]
 
         rows = (self.y, self.u) if self.lengths is None else (self.y, self.u, self.lengths)
-        return of_each(one, *rows).sum().astype(z.dtype)
+        return jnp.where(_is_model(model), of_each(one, *rows).sum(), -jnp.inf).astype(z.dtype)
 
     def log_prior(self, z: Float[Array, " L"]) -> Float[Array, ""]:
         """Natural logarithm of the density of z before any measurement."""
@@ -90,6 +95,19 @@ class LogPosterior(eqx.Module):
 
     def __eq__(self, other: object) -> Any:
         return self is other
+
+
+def _is_model(model: StateSpaceModel) -> Array:
+    """Whether its covariances are: no filter has to notice a negative one."""
+    covs = (model.process_noise.cov, model.observation_noise.cov, model.initial.cov)
+    return jnp.stack([_is_covariance(jax.lax.stop_gradient(cov)) for cov in covs]).all()
+
+
+def _is_covariance(cov: Float[Array, "*T n n"]) -> Array:
+    variance = jnp.diagonal(cov, axis1=-2, axis2=-1)
+    scale = jnp.sqrt(jnp.where(variance > 0, variance, 1.0))
+    correlations = cov / (scale[..., :, None] * scale[..., None, :])
+    return (variance >= 0).all() & (jnp.linalg.eigvalsh(correlations) >= -ROUND_OFF).all()
 
 
 @eqx.filter_custom_vjp

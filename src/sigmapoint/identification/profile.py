@@ -29,9 +29,9 @@ class Profile(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Where the log-likelihood is 2 below the best: two deviations of a Gaussian; NaN where it is not."""
-        fall = np.sqrt(2 * np.maximum(self.best - self.log_likelihood, 0.0))
-        peak = int(np.argmin(fall))
+        """Where the log-likelihood is 2 below its highest: two deviations of a Gaussian; NaN where it is not."""
+        peak = int(np.argmax(self.log_likelihood))
+        fall = np.sqrt(2 * np.maximum(max(self.best, self.log_likelihood[peak]) - self.log_likelihood, 0.0))
         return _crossing(fall[peak::-1], self.value[peak::-1]), _crossing(fall[peak:], self.value[peak:])
 
 

@@ -1,7 +1,8 @@
 """One unknown parameter: what is known of it, and where it can be.
 
 A parameter that is bound to a range is a monotone function of an unbounded z with a prior of mean 0 and variance 1, so
-that quantiles go through it as they are: an interval of z is one of the parameter.
+that quantiles go through it as they are: an interval of z is one of the parameter. Its deviation is half the width of
+the central 68 %, that is of what z from -1 to 1 becomes.
 """
 
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ class Range(Protocol):
     """Where a parameter can be: a monotone function of what is unbounded, and what that is close to a value."""
 
     def value(self, center: Array, std: Array, z: Array) -> Array:
-        """The parameter at `z`: `center` at 0, and from there on about `std` for each unit."""
+        """The parameter at `z`: `center` at 0, and `2 std` from z = -1 to 1."""
         ...
 
 
@@ -38,7 +39,7 @@ class Positive:
     """Above zero, by the exponential."""
 
     def value(self, center: Array, std: Array, z: Array) -> Array:
-        return center * jnp.exp(std / center * z)
+        return center * jnp.exp(jnp.arcsinh(std / center) * z)
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,13 @@ class Bounded:
     high: float
 
     def value(self, center: Array, std: Array, z: Array) -> Array:
-        part = (center - self.low) / (self.high - self.low)
-        slope = std / (self.high - self.low) / (part * (1 - part))
-        return self.low + (self.high - self.low) * jax.nn.sigmoid(jax.scipy.special.logit(part) + slope * z)
+        width = self.high - self.low
+        part, half = (center - self.low) / width, std / width
+        # sigmoid(logit(part) + s) - sigmoid(logit(part) - s) = 2 half is a quadratic equation in the exponential of s.
+        a = part / (1 - part)
+        b = half * (1 + a**2)
+        slope = jnp.log((b + jnp.sqrt(b**2 + a**2 * (1 - 4 * half**2))) / (a * (1 - 2 * half)))
+        return self.low + width * jax.nn.sigmoid(jnp.log(a) + slope * z)
 
 
 class Unknown(eqx.Module):
@@ -60,6 +65,12 @@ class Unknown(eqx.Module):
     center: Float[Array, "..."]
     std: Float[Array, "..."]
     range: Range = eqx.field(static=True)
+
+    def __repr__(self) -> str:
+        if not checks.known(self.center):
+            return f"{self.range} of shape {self.center.shape}"
+        center, std = (np.array2string(np.asarray(a), precision=6, threshold=10) for a in (self.center, self.std))
+        return f"{self.range}: {center} ± {std}"
 
 
 def real(value: Any, std: Any) -> Unknown:
@@ -81,11 +92,12 @@ def real(value: Any, std: Any) -> Unknown:
 
 
 def positive(value: Any, std: Any) -> Unknown:
-    """An unknown parameter that is greater than zero: its logarithm is Gaussian, with deviation `std / value`.
+    """An unknown parameter that is greater than zero: its logarithm is Gaussian.
 
     Args:
         value: what it is thought to be (the median of the prior), a number or an array, in its own units.
-        std: how far off that may be, in the same units: one number, or one for each element.
+        std: how far off that may be, in the same units (half the width of the central 68 %): one number, or one for
+            each element. Beyond some thirty times the value, a filter may not find its way: begin with a larger one.
 
     Raises:
         ValueError: values that are not positive or not finite, a deviation that is not positive.
@@ -103,13 +115,14 @@ def bounded(value: Any, std: Any, low: float, high: float) -> Unknown:
 
     Args:
         value: what it is thought to be (the median of the prior), a number or an array, in its own units.
-        std: how far off that may be, in the same units, where the bounds are far: one number, or one for each element.
+        std: how far off that may be, in the same units (half the width of the central 68 %): one number, or one for
+            each element; less than half of `high - low`.
         low: where it ends.
         high: where it ends.
 
     Raises:
         ValueError: bounds that are not in order or not finite, values that are not between them, a deviation that is
-            not positive.
+            not positive or so wide that it leaves no room.
 
     Examples:
         >>> import sigmapoint as sp
@@ -119,7 +132,13 @@ def bounded(value: Any, std: Any, low: float, high: float) -> Unknown:
     low, high = checks.number("low", low), checks.number("high", high)
     if not -np.inf < low < high < np.inf:
         raise ValueError(f"low and high must be finite, low below high, got {low:g} and {high:g}")
-    return _unknown(value, std, Bounded(low, high), low, high)
+    unknown = _unknown(value, std, Bounded(low, high), low, high)
+    if checks.known(unknown.std) and not (np.asarray(unknown.std) < (high - low) / 2).all():
+        raise ValueError(
+            f"std must be less than {(high - low) / 2:g}, half of high - low, got {np.asarray(unknown.std).tolist()}: "
+            "the central 68 % would not fit between the bounds"
+        )
+    return unknown
 
 
 def _unknown(value: Any, std: Any, range: Range, low: float, high: float) -> Unknown:

@@ -132,9 +132,15 @@ def built(build: Callable[[Any], StateSpaceModel], theta: Any) -> StateSpaceMode
     """The model with these parameters.
 
     Raises:
-        ValueError: `build` gives something else.
+        ValueError: `build` gives something else, or asks for a number where there is none yet.
     """
-    model = build(theta)
+    try:
+        model = build(theta)
+    except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
+        raise ValueError(
+            "build(theta) must be a function that JAX can trace: no float(), np.asarray() or `if` on parameters; use "
+            "jax.numpy, and jnp.where for branches"
+        ) from error
     checks.instance("build(theta)", model, StateSpaceModel)
     return model
 
