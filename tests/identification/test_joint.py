@@ -266,9 +266,9 @@ def test_a_deviation_is_half_the_central_68_percent(given):
 def test_estimates_are_of_the_parameters_that_were_joined():
     theta = {"k": sp.real(2.0, 0.1)}
     post = sp.filter(sp.joint(lambda t: _swing(t["k"]), theta), jnp.zeros((3, 1)))
-    with pytest.raises(ValueError, match="theta must be the one that was given to joint: it makes z.other"):
+    with pytest.raises(ValueError, match=r"theta must be the one that was given to joint: it makes z\.other"):
         sp.estimates({"other": theta["k"]}, post)
     with pytest.raises(ValueError, match="a function that JAX can trace"):
         sp.joint(lambda t: _swing(float(t["k"])), theta)
-    with pytest.raises(ValueError, match="std must be less than 0.5"):
+    with pytest.raises(ValueError, match=r"std must be less than 0\.5"):
         sp.bounded(0.5, 0.5, low=0.0, high=1.0)

@@ -128,8 +128,8 @@ def fit(
         build: `build(theta) -> StateSpaceModel`, a function that JAX can trace and differentiate. Noises and the
             initial belief may depend on the parameters. Write it once: another function is compiled anew.
         theta: the parameters, as for `joint`: a pytree of `sp.real`, `sp.positive`, `sp.bounded` and numbers (one that
-            may be off by its own size), or `sp.Gaussian` over a vector. Their centre is where the search begins, their
-            deviation its scale.
+            may be off by its own size, 0 by 1), or `sp.Gaussian` over a vector. Their centre is where the search
+            begins, their deviation its scale.
         y: measurements (T, m), NaN where an element was not measured; or a list of independent series (Tᵢ, m).
         u: inputs, as for `filter`; for a list, a list of them.
         method: as for `filter`. The likelihood is the one that this filter sees.

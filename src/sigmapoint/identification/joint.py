@@ -49,7 +49,7 @@ def joint(build: Callable[[Any], StateSpaceModel], theta: Any, drift: Any = 0.0)
             `maximum_likelihood()`.) Where the initial mean depends on them the belief about both is correlated, to
             first order; the initial covariance is that at their centre.
         theta: the parameters and what is known of them: `sp.Gaussian` over a vector, or any pytree of `sp.real`,
-            `sp.positive`, `sp.bounded` and numbers; a number stands for one that may be off by its own size.
+            `sp.positive`, `sp.bounded` and numbers; a number stands for one that may be off by its own size (0 by 1).
         drift: the variance that each gains at every step, so that it is followed as it changes: a number, variances
             (L,), a covariance (L, L), `sp.fixed(q)`, or `sp.annealed(q, rate, floor)` with a floor. In squared units of
             the vector for `sp.Gaussian`; for a pytree, relative to the squared prior deviations.
