@@ -31,7 +31,7 @@ class Unknowns(eqx.Module):
 
     @classmethod
     def of(cls, theta: Any) -> "Unknowns":
-        """From a `Gaussian` over a vector, or a pytree of unknowns; a number in it is one of its own size (0 of size 1).
+        """From a `Gaussian` over a vector, or a pytree of unknowns; a number in it is one of its own size (0: of 1).
 
         Raises:
             ValueError: nothing that is unknown.
