@@ -10,7 +10,8 @@ The rate r and the volatility σ are a random walk, S/X and t are known, both pr
 without volatility, the prices are those of their limits, σ √t → 0 from above; derivatives up to the second are finite.
 
 A negative volatility is left to the formula, C(−σ) = −P(σ): no market quotes negative prices, so no belief stays there.
-To take |σ| in its place gives the wide prior two modes, between which a sigma-point filter ends up.
+To take |σ| in its place gives the wide prior two modes, between which a sigma-point filter ends up. Dividends are not
+in these formulas: those of the index lower the rate that is found.
 
 Source: F. Black, M. Scholes, "The Pricing of Options and Corporate Liabilities", Journal of Political Economy 81
 (1973); Wan & van der Merwe, "The Unscented Kalman Filter" (2001), eqs. 7.122 and 7.123. Their noise is not printed:
@@ -102,6 +103,10 @@ def prices(x: Float[Array, "2"], u: Quote) -> Float[Array, "2"]:
     return jnp.stack([call(x[0], x[1], u), put(x[0], x[1], u)])
 
 
+def _unmoved(x: Float[Array, "2"], u: Quote) -> Float[Array, "2"]:
+    return x
+
+
 def model(noise: Noise = NOISE) -> StateSpaceModel:
     """Rate and volatility as a random walk, call and put over their strike as measurements, `Quote` as input.
 
@@ -117,7 +122,7 @@ def model(noise: Noise = NOISE) -> StateSpaceModel:
         (3, 2)
     """
     return StateSpaceModel(
-        dynamics=lambda x, u: x,
+        dynamics=_unmoved,
         observation=prices,
         process_noise=jnp.diag(jnp.array([noise.rate, noise.volatility])),
         observation_noise=noise.price * jnp.eye(2),

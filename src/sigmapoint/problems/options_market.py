@@ -9,6 +9,7 @@ which is higher for low strikes than for high ones, as index options are. Prices
 σ(X), and a little noise; none is below zero. The numbers are ours, of the size that markets have.
 """
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -27,13 +28,15 @@ FINAL = 224
 """the trading day of maturity, counted from 1"""
 INDEX = 3200.0
 """[index points] on the first day"""
-RATE, RATE_SPREAD, RATE_MEMORY = 0.05, 0.01, 130.0
-"""[1/year] mean and standard deviation; [trading days] memory"""
-VOLATILITY, VOLATILITY_SPREAD, VOLATILITY_MEMORY = 0.15, 0.2, 65.0
-"""[1/√year], standard deviation of its logarithm [1], [trading days]"""
+MEMORY = 260.0
+"""[trading days] of rate and volatility: their daily steps are about those that the filters take them to have"""
+RATE, RATE_SPREAD = 0.05, 0.005
+"""[1/year] mean and standard deviation"""
+VOLATILITY, VOLATILITY_SPREAD = 0.15, 0.25
+"""[1/√year] median; [1] standard deviation of its logarithm"""
 SKEW, CURVATURE = 1.0, 4.0
 """of the smile"""
-PRICE_NOISE = 0.002
+PRICE_NOISE = 0.003
 """[1] standard deviation of a price over its strike"""
 
 
@@ -101,26 +104,26 @@ def simulated(key: Array, days: int = DAYS) -> tuple[Market, Truth]:
     if not 1 <= days <= FINAL:
         raise ValueError(f"days must be 1 to {FINAL}, the day of maturity; got {days}")
     walks = jax.random.normal(key, (3, days))
-    rate = RATE + RATE_SPREAD * _wandering(walks[0], RATE_MEMORY)
-    volatility = VOLATILITY * jnp.exp(VOLATILITY_SPREAD * _wandering(walks[1], VOLATILITY_MEMORY))
+    rate = RATE + RATE_SPREAD * _wandering(walks[0])
+    volatility = VOLATILITY * jnp.exp(VOLATILITY_SPREAD * _wandering(walks[1]))
     steps = (rate - volatility**2 / 2) / YEAR + volatility / YEAR**0.5 * walks[2]
     index = INDEX * jnp.exp(jnp.cumsum(steps) - steps[0])
-    strikes = jnp.array(STRIKES, index.dtype)
-    quoted = smile(volatility[:, None], index[:, None] / strikes[None])
-    quote = Quote(index[:, None] / strikes[None], jnp.asarray(maturity(days))[:, None])
+    strikes = jnp.array([STRIKES], index.dtype)
+    quoted = smile(volatility[:, None], index[:, None] / strikes)
+    quote = Quote(index[:, None] / strikes, jnp.asarray(maturity(days))[:, None])
     noise = PRICE_NOISE * jax.random.normal(jax.random.fold_in(key, 1), (2, days, len(STRIKES)))
     exact = jnp.stack([price(rate[:, None], quoted, quote) for price in (options.call, options.put)])
-    call, put = strikes * jnp.maximum(exact + noise, 0)
+    call, put = strikes[None] * jnp.maximum(exact + noise, 0)
     market = Market(STRIKES, None, maturity(days), *map(np.asarray, (index, call, put)))
     return market, Truth(np.asarray(rate), np.asarray(quoted))
 
 
-def _wandering(shocks: Float[Array, " T"], memory: float) -> Float[Array, " T"]:
-    """A stationary Gauss-Markov series of mean 0 and standard deviation 1; `memory` in steps."""
-    a = jnp.exp(-1 / jnp.asarray(memory, shocks.dtype))
+def _wandering(shocks: Float[Array, " T"]) -> Float[Array, " T"]:
+    """A stationary Gauss-Markov series of mean 0 and standard deviation 1."""
+    a = math.exp(-1 / MEMORY)
 
     def step(x: Array, shock: Array) -> tuple[Array, Array]:
-        x = a * x + jnp.sqrt(1 - a**2) * shock
+        x = a * x + math.sqrt(1 - a**2) * shock
         return x, x
 
     return jnp.concatenate([shocks[:1], jax.lax.scan(step, shocks[0], shocks[1:])[1]])
