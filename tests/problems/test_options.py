@@ -88,7 +88,7 @@ def test_prices_without_noise_give_rate_and_volatility_back():
 
 def test_a_simulated_market_is_priced_at_its_own_volatilities_with_the_noise_it_says():
     market, truth = options_market.simulated(jax.random.key(1))
-    assert market.index.shape == (options_market.DAYS,)
+    assert market.spot.shape == (options_market.DAYS,)
     assert market.maturity[0] == pytest.approx(223 / 260)
     assert (truth.volatility > 0).all()
     off = []
@@ -106,9 +106,9 @@ def test_simulated_markets_have_the_index_and_the_smile_they_say():
     steps, volatility = [], []
     for key in jax.random.split(jax.random.key(2), 20):
         market, truth = options_market.simulated(key, 100)
-        steps.append(np.diff(np.log(market.index)))
+        steps.append(np.diff(np.log(market.spot)))
         at_the_money = truth.volatility / options_market.smile(
-            jnp.ones((100, 5)), jnp.asarray(market.index[:, None] / np.array(market.strikes))
+            jnp.ones((100, 5)), jnp.asarray(market.spot[:, None] / np.array(market.strikes))
         )
         np.testing.assert_allclose(at_the_money, np.tile(at_the_money[:, :1], 5), rtol=1e-12)
         volatility.append(np.asarray(at_the_money[1:, 0]))
@@ -134,7 +134,7 @@ def folder(tmp_path):
     for kind, prices in (("c", market.call), ("p", market.put)):
         for k, strike in enumerate(market.strikes):
             between = "\t" if f"{kind}{strike}" in ("c3025", "c3125", "p3025") else "    "
-            rows = zip(34366 + np.arange(10), prices[:, k], market.index)
+            rows = zip(34366 + np.arange(10), prices[:, k], market.spot)
             text = "\n".join(between.join(repr(float(v)) for v in row) for row in rows)
             (tmp_path / f"{kind}{strike}.prn").write_text(text)
     return tmp_path
@@ -143,7 +143,7 @@ def folder(tmp_path):
 def test_files_are_read_back_with_their_dates(folder):
     market, _ = options_market.simulated(jax.random.key(0), 10)
     found = ftse100(folder)
-    for name in ("call", "put", "index", "maturity"):
+    for name in ("call", "put", "spot", "maturity"):
         np.testing.assert_array_equal(getattr(found, name), getattr(market, name))
     assert found.dates[0] == np.datetime64("1994-02-01")
     assert found.until(4).dates[-1] == np.datetime64("1994-02-04")

@@ -87,7 +87,7 @@ def pictures(markets: Markets, found: Results) -> Sequence[Picture]:
             "polynomial of fourth degree through the means. A strike off its neighbours may be mispriced, or merely "
             "uncertain, which the density shows. Dashed: the index.",
             smiles(
-                markets.strikes, first.index, np.stack([one.mean[0, :, 1] for one in each], axis=1),
+                markets.strikes, first.spot, np.stack([one.mean[0, :, 1] for one in each], axis=1),
                 np.stack([one.std[0, :, 1] for one in each], axis=1), None if true is None else true.volatility,
             ),
         ),

@@ -82,8 +82,8 @@ def loaded(folder: Path) -> Markets:
     from sigmapoint.problems.options_data import ftse100
 
     market = ftse100(folder)
-    if len(market.index) < DAYS:
-        raise ValueError(f"{folder} has {len(market.index)} trading days; this experiment needs {DAYS}")
+    if len(market.spot) < DAYS:
+        raise ValueError(f"{folder} has {len(market.spot)} trading days; this experiment needs {DAYS}")
     return Markets((market.until(DAYS),), ())
 
 
@@ -95,7 +95,8 @@ def filtered(method: Method, noise: Noise = options.NOISE) -> Estimator:
 def _found(model: StateSpaceModel, method: Method, prices: Float[Array, "M T 2"], quotes: Quote) -> Found:
     def one(y: Float[Array, "T 2"], quote: Quote) -> tuple[Array, ...]:
         post = sp.filter(model, y, quote, method=method, keep=("mean", "std", "innovation", "nis"))
-        return y - post.innovation, jax.vmap(options.prices)(post.mean, quote), post.mean, post.std, post.nis
+        mean, std, innovation, nis = map(jnp.asarray, (post.mean, post.std, post.innovation, post.nis))
+        return y - innovation, jax.vmap(options.prices)(mean, quote), mean, std, nis
 
     return Found(*map(np.asarray, jax.vmap(one)(prices, quotes)))
 

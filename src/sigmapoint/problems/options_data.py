@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Bool
 
 from sigmapoint.problems.options_market import FINAL, STRIKES, Market, maturity
 
@@ -65,13 +65,13 @@ def _check_rows(path: Path, table: pd.DataFrame) -> None:
     values = table.to_numpy()
     if len(table) > FINAL:
         raise ValueError(f"{path} has {len(table)} rows; the options run out on trading day {FINAL}")
-    _check_each(path, np.isfinite(values).all(axis=1), "needs three finite numbers")
+    _check_each(path, np.all(np.isfinite(values), axis=1), "needs three finite numbers")
     _check_each(path, values[:, 1] >= 0, "has a price below zero")
     _check_each(path, values[:, 2] > 0, "has an index of zero or less")
-    _check_each(path, np.append(True, np.diff(values[:, 0]) > 0), "is of no later day than the row before")
+    _check_each(path, np.diff(values[:, 0], prepend=-np.inf) > 0, "is of no later day than the row before")
 
 
-def _check_each(path: Path, good: Float[np.ndarray, "T"] | np.ndarray, fault: str) -> None:
+def _check_each(path: Path, good: Bool[np.ndarray, "T"], fault: str) -> None:
     if not good.all():
         raise ValueError(f"{path}: row {np.argmin(good) + 1} {fault}")
 

@@ -10,6 +10,7 @@ which is higher for low strikes than for high ones, as index options are. Prices
 """
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -49,15 +50,15 @@ class Market(NamedTuple):
     """where it is a real one"""
     maturity: Float[np.ndarray, "T"]
     """[years] to go"""
-    index: Float[np.ndarray, "T"]
-    """[index points]"""
+    spot: Float[np.ndarray, "T"]
+    """[index points] the index"""
     call: Float[np.ndarray, "T K"]
     """[index points] prices"""
     put: Float[np.ndarray, "T K"]
 
     def quote(self, strike: int) -> Quote:
         """Index over strike and time to maturity, the input of `options.model`."""
-        return Quote(jnp.asarray(self.index / strike), jnp.asarray(self.maturity))
+        return Quote(jnp.asarray(self.spot / strike), jnp.asarray(self.maturity))
 
     def prices(self, strike: int) -> Float[Array, "T 2"]:
         """Call and put over their strike, its measurements."""
@@ -103,19 +104,25 @@ def simulated(key: Array, days: int = DAYS) -> tuple[Market, Truth]:
     """
     if not 1 <= days <= FINAL:
         raise ValueError(f"days must be 1 to {FINAL}, the day of maturity; got {days}")
+    index, call, put, rate, volatility = map(np.asarray, _drawn(key, days))
+    return Market(STRIKES, None, maturity(days), index, call, put), Truth(rate, volatility)
+
+
+@partial(jax.jit, static_argnames="days")
+def _drawn(key: Array, days: int) -> tuple[Array, ...]:
+    """Index (T,), calls and puts (T, K), rate (T,), volatility (T, K)."""
     walks = jax.random.normal(key, (3, days))
     rate = RATE + RATE_SPREAD * _wandering(walks[0])
     volatility = VOLATILITY * jnp.exp(VOLATILITY_SPREAD * _wandering(walks[1]))
     steps = (rate - volatility**2 / 2) / YEAR + volatility / YEAR**0.5 * walks[2]
     index = INDEX * jnp.exp(jnp.cumsum(steps) - steps[0])
     strikes = jnp.array([STRIKES], index.dtype)
+    quote = Quote(index[:, None] / strikes, jnp.asarray(maturity(days), index.dtype)[:, None])
     quoted = smile(volatility[:, None], index[:, None] / strikes)
-    quote = Quote(index[:, None] / strikes, jnp.asarray(maturity(days))[:, None])
     noise = PRICE_NOISE * jax.random.normal(jax.random.fold_in(key, 1), (2, days, len(STRIKES)))
     exact = jnp.stack([price(rate[:, None], quoted, quote) for price in (options.call, options.put)])
     call, put = strikes[None] * jnp.maximum(exact + noise, 0)
-    market = Market(STRIKES, None, maturity(days), *map(np.asarray, (index, call, put)))
-    return market, Truth(np.asarray(rate), np.asarray(quoted))
+    return index, call, put, rate, quoted
 
 
 def _wandering(shocks: Float[Array, " T"]) -> Float[Array, " T"]:
