@@ -366,15 +366,17 @@ def test_lists_of_methods_with_gaps_or_twice_are_refused(files):
 def experiments(monkeypatch):
     """An experiment that writes a file and returns one row."""
 
-    def run(runs, seed, out, quick):
+    def run(runs, seed, out, quick, *data):
         out.mkdir(parents=True)
+        (out / "data.txt").write_text(" ".join(map(str, data)))
         (out / "results.json").write_text("[]")
         assert quick == (runs == 7)
         return [{"experiment": "toy", "quantity": "error", "method": "UKF", "measured": 0.5, "runs": runs or 100}]
 
     module = ModuleType("sigmapoint.experiments")
     module.EXPERIMENTS = {
-        name: SimpleNamespace(name=name, description=f"about {name}", run=run) for name in ("toy", "game")
+        name: SimpleNamespace(name=name, description=f"about {name}", run=run, data=data)
+        for name, data in (("toy", ""), ("game", "two files"))
     }
     monkeypatch.setitem(sys.modules, "sigmapoint.experiments", module)
 
@@ -387,6 +389,16 @@ def test_reproduce_lists_runs_and_says_where_files_are(experiments, tmp_path):
     shutil.rmtree(tmp_path / "toy")
     invoke("reproduce", "--all", "--out", tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {"toy", "game"}
+
+
+def test_reproduce_hands_a_folder_of_data_to_those_that_take_one(experiments, tmp_path):
+    assert "two files" in invoke("reproduce", "--list").stdout
+    invoke("reproduce", "--all", "--data", tmp_path, "--out", tmp_path / "out")
+    given = {name: (tmp_path / "out" / name / "data.txt").read_text() for name in ("toy", "game")}
+    assert given == {"toy": "", "game": str(tmp_path)}
+    assert "toy takes no folder of data; experiments that do: game" in message("reproduce", "toy", "--data", tmp_path)
+    absent = message("reproduce", "game", "--data", tmp_path / "absent")
+    assert "absent is not a folder; game wants two files" in absent
 
 
 def test_reproduce_names_the_experiments_where_none_or_another_is_given(experiments):

@@ -22,6 +22,10 @@ def reproduce(
     quick: Annotated[bool, typer.Option("--quick", help="A small version: seconds in place of minutes.")] = False,
     runs: Annotated[int | None, typer.Option(min=2, help="Monte-Carlo runs; default: the experiment's own.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0,
+    data: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder of real data, for those that simulate them otherwise; see --list."),
+    ] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Each experiment writes into DIR/NAME.")] = Path("out"),
     debug: Debug = False,
 ) -> None:
@@ -33,14 +37,15 @@ def reproduce(
 
     console = Console()
     if show:
-        known = [{"name": e.name, "what": e.description} for e in EXPERIMENTS.values()]
+        known = [{"name": e.name, "what": e.description, "--data": e.data or None} for e in EXPERIMENTS.values()]
         console.print(output.table("experiments", known))
         return
     chosen = list(EXPERIMENTS) if every else [_known(name, list(EXPERIMENTS))]
+    takers = _takers(data, chosen, {e.name: e.data for e in EXPERIMENTS.values()})
     folders = {experiment: folder(out / experiment) for experiment in chosen}
     for experiment in chosen:
         with Console(stderr=True).status(f"running {experiment}"):
-            rows = EXPERIMENTS[experiment].run(runs, seed, folders[experiment], quick)
+            rows = EXPERIMENTS[experiment].run(runs, seed, folders[experiment], quick, *takers.get(experiment, ()))
         console.print(output.table(experiment, _shown(rows)))
         output.written(console, sorted(p for p in folders[experiment].iterdir() if p.is_file()))
 
@@ -53,6 +58,19 @@ def _known(name: str | None, names: list[str]) -> str:
     close = difflib.get_close_matches(name, names, n=1)
     hint = f" Did you mean {close[0]}?" if close else ""
     raise InputError(f"unknown experiment {name!r}.{hint} Experiments: {', '.join(names)}")
+
+
+def _takers(data: Path | None, chosen: Sequence[str], held: Mapping[str, str]) -> dict[str, tuple[Path]]:
+    """The folder of data, for those of the `chosen` that take one."""
+    if data is None:
+        return {}
+    takers: dict[str, tuple[Path]] = {name: (data,) for name in chosen if held[name]}
+    if not takers:
+        named = ", ".join(name for name, what in held.items() if what) or "none"
+        raise InputError(f"--data: {', '.join(chosen)} takes no folder of data; experiments that do: {named}")
+    if not data.is_dir():
+        raise InputError(f"--data {data} is not a folder; {' and '.join(f'{n} wants {held[n]}' for n in takers)}")
+    return takers
 
 
 def _shown(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

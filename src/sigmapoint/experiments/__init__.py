@@ -1,7 +1,8 @@
 """The papers' experiments by name: `EXPERIMENTS[name].run(runs, seed, out, quick)`. One file each, loaded when run.
 
 To add one: a module here with `run(runs, seed, out, quick) -> list[dict]` that ends in `results.publish`, and one line
-in `EXPERIMENTS`.
+in `EXPERIMENTS`. Where real data cannot be bundled, `run` has a fifth argument, the folder with them or None, and the
+line says what the folder holds.
 """
 
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-Run = Callable[[int | None, int, Path, bool], list[dict[str, Any]]]
+Run = Callable[..., list[dict[str, Any]]]
 
 
 class Experiment(NamedTuple):
@@ -20,19 +21,21 @@ class Experiment(NamedTuple):
         description: one line.
         run: `(runs, seed, out, quick) -> rows`: `runs` where not None is the number of Monte-Carlo runs (None: the
             experiment's own), `seed` seeds them, `out` is the folder for `results.json`, `report.html` and figures,
-            `quick` asks for a small version.
+            `quick` asks for a small version. Where `data` is not empty also `(runs, seed, out, quick, folder)`.
+        data: what a folder holds that the experiment can take its data from; empty where it takes none.
     """
 
     name: str
     description: str
     run: Run
+    data: str = ""
 
 
 def _lazily(module: str) -> Run:
-    def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, Any]]:
+    def run(runs: int | None, seed: int, out: Path, quick: bool, *data: Path) -> list[dict[str, Any]]:
         if runs is not None and runs < 2:
             raise ValueError(f"runs must be at least 2, to show a spread; got {runs}")
-        return import_module(f"sigmapoint.experiments.{module}").run(runs, seed, Path(out), quick)
+        return import_module(f"sigmapoint.experiments.{module}").run(runs, seed, Path(out), quick, *data)
 
     return run
 
@@ -59,6 +62,12 @@ _ALL = (
         "pendulum-adaptive", "a pendulum held upright while its masses are learned", _lazily("pendulum_adaptive")
     ),
     Experiment("battery-joint", "capacity and resistance of a real cell, with bars", _lazily("battery_joint")),
+    Experiment(
+        "options",
+        "interest rate and volatility from prices of options on an index",
+        _lazily("options"),
+        "c2925.prn to c3325.prn and p2925.prn to p3325.prn: day, price, index",
+    ),
 )
 
 EXPERIMENTS: dict[str, Experiment] = {experiment.name: experiment for experiment in _ALL}
