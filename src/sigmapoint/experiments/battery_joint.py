@@ -100,9 +100,10 @@ def estimated(run: Held, method: Method, wrong: Float[Array, "R 3"]) -> Found:
         first = run.reference[0] + WRONG_SOC * wrong[2]
         model = sp.joint(lambda theta: battery_joint.model(run, theta, first, WRONG_SOC), theta, drift=jnp.array(DRIFT))
         post = sp.filter(model, run.y, run.u, method=method, keep=("mean", "std"))
-        value, _, low, high = sp.estimates(theta, post)
+        found = sp.estimates(theta, post)
         soc = jnp.asarray(post.mean)[:, 0]
-        return value.capacity, low.capacity, high.capacity, value.r0, low.r0, high.r0, soc
+        bands = (found.value, found.low, found.high)
+        return *(part.capacity for part in bands), *(part.r0 for part in bands), soc
 
     return Found(*map(np.asarray, jax.jit(jax.vmap(one))(wrong)))
 
