@@ -17,7 +17,7 @@ from sigmapoint import checks
 from sigmapoint.blackbox import NoDerivative, unwrapped
 from sigmapoint.filtering import fitting
 from sigmapoint.identification.maximization import Constant, Found, Problem, maximized
-from sigmapoint.identification.structures import Structure, full
+from sigmapoint.identification.structures import Structure, check_structure, full
 from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
@@ -76,8 +76,9 @@ def em(
         An `EM`: the model, `theta`, the log-likelihood step by step, and whether it has converged.
 
     Raises:
-        ValueError: as `filter`; nothing to learn; noises to learn that change with time; noises to learn, or beside
-            parameters, that are not additive; a likelihood that is not finite at the start; parameters of a black box.
+        ValueError: as `filter`; nothing to learn; a structure that gives no covariance; noises to learn that change
+            with time; noises to learn, or beside parameters, that are not additive; a likelihood that is not finite at
+            the start; parameters of a black box; under `jax.jit`.
         ImportError: parameters, and optimistix is not installed (`pip install sigmapoint[fit]`).
 
     Warns where the likelihood has fallen (the approximation of the filter is too coarse to go on; the best model so far
@@ -96,6 +97,7 @@ def em(
         >>> bool(0.05 < found.model.process_noise.cov[0, 0] < 0.2), bool((jnp.diff(found.log_likelihood) > 0).all())
         (True, True)
     """
+    checks.untransformed("em", "sp.log_posterior", model, theta, y, u)
     steps, tolerance = checks.whole("steps", steps, 1), checks.number("tolerance", tolerance)
     problem, start = _problem(model, theta, method, process_noise, observation_noise, initial)
     y, u, lengths = stacked(problem.model(start), y, u)
@@ -175,7 +177,7 @@ def _problem(
         given = built(model, unknowns.tree(z))
     for name, structure in (("process_noise", process), ("observation_noise", observation), ("initial", initial)):
         if structure is not None:
-            checks.function(name, structure, "a second moment, such as sp.full")
+            check_structure(name, structure, getattr(given, name).cov)
     for name, structure in (("process_noise", process), ("observation_noise", observation)):
         noise: Any = getattr(given, name)
         if (structure is not None or z is not None) and not isinstance(noise, Additive):

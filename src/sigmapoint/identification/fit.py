@@ -140,7 +140,8 @@ def fit(
         A `Fit`: `theta`, `estimates`, `model`, `profile(name)`, `log_likelihood`, `converged`.
 
     Raises:
-        ValueError: as `log_posterior`; nothing measured; a likelihood that is not finite at the start; a black box.
+        ValueError: as `log_posterior`; nothing measured; a likelihood that is not finite at the start; a black box;
+            under `jax.jit`.
         ImportError: optimistix is not installed (`pip install sigmapoint[fit]`).
 
     Warns where the search has not converged, and where measurements leave a parameter open (its deviation is NaN).
@@ -159,6 +160,7 @@ def fit(
     """
     from sigmapoint.identification.optimum import fitted
 
+    checks.untransformed("fit", "sp.log_posterior", theta, y, u)
     weight, steps = checks.number("prior", prior), checks.whole("steps", steps, 1)
     if not 0 <= weight < np.inf:
         raise ValueError(f"prior must be 0 (maximum likelihood), 1 (maximum a posteriori) or above, got {prior}")
