@@ -63,7 +63,8 @@ def load(path: str | os.PathLike[str], like: Tree) -> Tree:
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: a path that is none; not a file of `save`, or one of another structure; the message names the first difference.
+        ValueError: a path that is none; not a file of `save`, or one of another structure: the message names the first
+            difference.
 
     Examples:
         >>> import tempfile, pathlib, jax, jax.numpy as jnp, sigmapoint as sp

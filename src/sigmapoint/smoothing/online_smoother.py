@@ -76,7 +76,7 @@ class OnlineSmoother:
         return unwrapped(_pushed, self._model, self._method, state, after, u)
 
     def prepare(self, y: Any, u: Any = None) -> LaggedState:
-        """Compile `update`, `predict` and `smoothed` ahead of the first sample; arguments as for `OnlineFilter.prepare`.
+        """Compile `update`, `predict` and `smoothed` ahead of the first sample; arguments as of `OnlineFilter.prepare`.
 
         Returns:
             The initial state, as `init`.
