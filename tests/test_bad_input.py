@@ -76,6 +76,18 @@ CASES = {
     "mean a number": (lambda: sp.Gaussian(0.0, EYE1), r"mean must be \(n,\)"),
     "NaN in the mean": (lambda: sp.Gaussian([0.0, np.nan], EYE2), "mean has 1 NaN"),
     "dynamics not a function": (lambda: model(dynamics=EYE2), "dynamics must be a function"),
+    "a path that comes second, saving": (
+        lambda: sp.save({"a": EYE1}, "s.npz"),
+        r"save: path must be the name of a file, got dict; it comes first: save\(path, tree\)",
+    ),
+    "a path that comes second, loading": (
+        lambda: sp.load({"a": EYE1}, "s.npz"),
+        r"load: path must be the name of a file, got dict; it comes first: load\(path, like\)",
+    ),
+    "a drift as a structure": (
+        lambda: sp.em(model(), np.ones((5, 1)), process_noise=sp.fixed(1.0)),
+        "em: process_noise must be sp.full, sp.diagonal, sp.tied, None .*got Annealed",
+    ),
     "names too few": (lambda: model(state_names=("a",)), "state_names must be 2 string"),
     "names twice": (lambda: model(state_names=("a", "a")), "state_names must differ"),
     "dynamics returns too much": (

@@ -65,3 +65,23 @@ def test_what_cannot_be_loaded_says_why(tmp_path):
         sp.load(tmp_path / "missing", like=TREE)
     with pytest.raises(ValueError, match="not an array"):
         sp.save(tmp_path / "f", {"f": print})
+
+
+def test_of_a_result_with_functions_in_it_the_message_names_what_can_be_saved(tmp_path):
+    def build(a):
+        return sp.StateSpaceModel(
+            lambda x, u: a * x, lambda x, u: x, np.eye(1), np.eye(1), sp.Gaussian(np.zeros(1), np.eye(1))
+        )
+
+    y = np.sin(np.arange(20.0))[:, None]
+    fit = sp.fit(build, sp.real(0.5, 0.3), y)
+    with pytest.raises(ValueError, match=r"\.build is not an array but function; save its \.theta, \.estimates"):
+        sp.save(tmp_path / "s.npz", fit)
+    sp.save(tmp_path / "s.npz", fit.estimates)
+    assert sp.load(tmp_path / "s.npz", like=fit.estimates).value == fit.theta
+    learned = sp.em(build(0.9), y, tolerance=0.1)
+    with pytest.raises(ValueError, match=r"save its \.model\.process_noise, .*, \.model\.initial"):
+        sp.save(tmp_path / "s.npz", learned)
+    sp.save(tmp_path / "s.npz", learned.model.initial)
+    with pytest.raises(ValueError, match="functions are not saved, the numbers that they use are"):
+        sp.save(tmp_path / "s.npz", build(0.9))

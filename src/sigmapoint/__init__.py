@@ -9,7 +9,8 @@ from sigmapoint.comparison import Comparison, compare
 from sigmapoint.diagnostics import diagnose
 from sigmapoint.filtering import filter
 from sigmapoint.identification.costs import maximum_likelihood, prediction_error
-from sigmapoint.identification.dual import Dual, dual
+from sigmapoint.identification.coupled import Dual
+from sigmapoint.identification.dual import dual
 from sigmapoint.identification.dual_results import DualHistory, DualResult, DualState
 from sigmapoint.identification.em import EM, em
 from sigmapoint.identification.estimates import Estimates, estimates

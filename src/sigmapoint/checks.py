@@ -104,6 +104,16 @@ def known(value: Any) -> bool:
     return not isinstance(value, Tracer)
 
 
+def untransformed(what: str, instead: str, *given: Any) -> None:
+    """Not within a transformation of JAX: `what` looks at numbers on its way."""
+    # A constant is a tracer while JAX traces, whatever was given.
+    if not all(map(known, (jnp.zeros(()), *jax.tree.leaves(given)))):
+        raise ValueError(
+            f"{what} is not for use under jax.jit, jax.grad or jax.vmap: it looks at numbers on its way. Call it from "
+            f"plain Python; what can be transformed is {instead}"
+        )
+
+
 def finite(name: str, value: Any, hint: str = "") -> None:
     """No NaN, no infinity."""
     if known(value):

@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 from sigmapoint import checks, data_checks
 from sigmapoint.accuracy import errors
 from sigmapoint.consistency import surprise
+from sigmapoint.contents import Contents
 from sigmapoint.filtering import filter, series_of
 from sigmapoint.methods import METHODS, Method
 from sigmapoint.model import StateSpaceModel
@@ -49,6 +50,10 @@ class Comparison(NamedTuple):
         widths = [max(map(len, column)) for column in zip(columns, *texts)]
         left = [name in WORDS for name in columns]
         return "\n".join(_line(cells, widths, left) for cells in (columns, ["-" * w for w in widths], *texts))
+
+    def contents(self) -> Contents:
+        """What a page about it shows."""
+        return Contents(self.posteriors)
 
     def to_frame(self) -> Any:
         """The rows as a `pandas.DataFrame` (`pip install sigmapoint[cli]`)."""

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from sigmapoint import verdicts
+from sigmapoint import checks, verdicts
 from sigmapoint.accuracy import Coverage, errors
 from sigmapoint.consistency import Consistency, consistency, normalised
 from sigmapoint.results import Posterior, field, input_columns, measured_rows

@@ -151,6 +151,12 @@ class Posterior(eqx.Module):
         whole = all(isinstance(value, jax.Array | np.ndarray) and known(value) for value in shown)
         return as_lines(self) if whole and not np.ndim(self.log_likelihood) else repr(self)
 
+    def contents(self) -> Any:
+        """What a page about it shows (`sigmapoint.contents`)."""
+        from sigmapoint.contents import Contents
+
+        return Contents({"": self})
+
     def plot(self, time: Any = None, truth: Any = None) -> Any:
         """Draw each state with its ±2σ band; returns the matplotlib axes.
 

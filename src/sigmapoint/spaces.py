@@ -126,6 +126,11 @@ def beside(space: Space, point: int, step: int) -> Space:
     return space if isinstance(space, Euclidean) else Beside(space, point, step)
 
 
+def front(space: Space) -> Space:
+    """The space of the points in front, before `beside`."""
+    return space.space if isinstance(space, Beside) else space
+
+
 def folded(space: Space, points: Float[Array, "n d"], std: Float[Array, " n"], reach: float) -> Bool[np.ndarray, " n"]:
     """Whether `reach` standard deviations along element i from `points[i]` come back as another step.
 
@@ -143,4 +148,4 @@ def same_elements(space: Space) -> bool:
     That of a manifold may have others: a rotation of one degree of freedom between two unit vectors of two elements, or
     the logarithm of a ratio.
     """
-    return isinstance(space.space if isinstance(space, Beside) else space, Euclidean | Angles)
+    return isinstance(front(space), Euclidean | Angles)

@@ -9,6 +9,7 @@ import os
 import tempfile
 import zipfile
 from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
@@ -18,6 +19,8 @@ import numpy as np
 
 Tree = TypeVar("Tree")
 _PATHS = "paths"
+PARTS = ("theta", "estimates", "state", "model.process_noise", "model.observation_noise", "model.initial")
+"""What results with functions in them have to save."""
 
 
 def save(path: str | os.PathLike[str], tree: Any) -> None:
@@ -29,7 +32,7 @@ def save(path: str | os.PathLike[str], tree: Any) -> None:
 
     Raises:
         OSError: the place cannot be written, or the disk is full; what was at `path` stays as it was.
-        ValueError: a leaf that is not an array or number.
+        ValueError: a path that is none; a leaf that is not an array or number.
 
     Examples:
         >>> import tempfile, pathlib, jax.numpy as jnp, sigmapoint as sp
@@ -39,11 +42,13 @@ def save(path: str | os.PathLike[str], tree: Any) -> None:
         >>> s["a"].tolist()
         [0.0, 1.0, 2.0]
     """
+    _check_path("save", path, "tree")
     leaves = jax.tree_util.tree_leaves_with_path(tree)
     arrays = {f"leaf{i}": np.asarray(jax.device_get(leaf)) for i, (_, leaf) in enumerate(leaves)}
     for (where, leaf), array in zip(leaves, arrays.values()):
         if array.dtype == object:
-            raise ValueError(f"save: {jax.tree_util.keystr(where)} is not an array but {type(leaf).__name__}")
+            name, kind = jax.tree_util.keystr(where), type(leaf).__name__
+            raise ValueError(f"save: {name} is not an array but {kind}; {_instead(tree)}")
     arrays[_PATHS] = np.array([jax.tree_util.keystr(where) for where, _ in leaves], dtype=np.str_)
     write_atomically(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
 
@@ -58,7 +63,8 @@ def load(path: str | os.PathLike[str], like: Tree) -> Tree:
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: not a file of `save`, or one of another structure; the message names the first difference.
+        ValueError: a path that is none; not a file of `save`, or one of another structure: the message names the first
+            difference.
 
     Examples:
         >>> import tempfile, pathlib, jax, jax.numpy as jnp, sigmapoint as sp
@@ -81,6 +87,7 @@ def load(path: str | os.PathLike[str], like: Tree) -> Tree:
         >>> post.mean.shape
         (4, 1)
     """
+    _check_path("load", path, "like")
     try:
         with np.load(path, allow_pickle=False) as archive:
             stored = {name: archive[name] for name in archive.files}
@@ -102,6 +109,23 @@ def load(path: str | os.PathLike[str], like: Tree) -> Tree:
             raise ValueError(f"load: {name} is {array.dtype}{array.shape} in the file but {dtype}{shape} in `like`")
         restored.append(jnp.asarray(array))
     return jax.tree_util.tree_unflatten(structure, restored)
+
+
+def _check_path(what: str, path: Any, other: str) -> None:
+    if not isinstance(path, str | os.PathLike):
+        kind = type(path).__name__
+        raise ValueError(f"{what}: path must be the name of a file, got {kind}; it comes first: {what}(path, {other})")
+
+
+def _instead(tree: Any) -> str:
+    """Which parts of it can be saved."""
+    there = [name for name in PARTS if _is_numbers(reduce(lambda a, b: getattr(a, b, None), name.split("."), tree))]
+    return f"save its .{', .'.join(there)}" if there else "functions are not saved, the numbers that they use are"
+
+
+def _is_numbers(tree: Any) -> bool:
+    leaves = jax.tree.leaves(tree)
+    return bool(leaves) and all(np.asarray(jax.device_get(leaf)).dtype != object for leaf in leaves)
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], Any]) -> None:

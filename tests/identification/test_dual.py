@@ -213,6 +213,43 @@ def test_nothing_is_compiled_twice(caplog):
     assert "Compiling" in caplog.text
 
 
+def test_prepared_ahead_no_sample_compiles_anything(caplog):
+    both, (y, u) = sp.dual(build, THETA), jax.tree.map(np.asarray, series(4))
+    jax.clear_caches()
+    state = both.prepare(np.zeros(2), 0.0)
+    caplog.clear()
+    with jax.log_compiles():
+        for k in range(2):
+            state, _ = both.update(state, y[k], u[k])
+    assert not caplog.records
+    assert int(state.step) == 2
+
+
+def test_a_state_is_loaded_into_a_new_one_that_has_an_input(tmp_path):
+    both, (y, u) = sp.dual(build, THETA), series(4)
+    saved = both.filter(y, u).state
+    sp.save(tmp_path / "state.npz", saved)
+    back = sp.load(tmp_path / "state.npz", like=both.init(0.0))
+    later, _ = both.update(back, y[0], u[0])
+    np.testing.assert_array_equal(later.mean, both.update(saved, y[0], u[0])[0].mean)
+    first = [both.update(both.init(*given), y[0], u[0])[0].theta["a"] for given in ((), (0.0,), (1e3,))]
+    assert first[0] == first[1] == first[2]
+    message("NaN", lambda: both.init(np.nan))
+
+
+def test_under_a_transformation_the_way_out_is_named_and_works():
+    both, (y, u) = sp.dual(build, THETA), series(4)
+
+    def mean(y, u):
+        return both.filter(y, u).post.mean
+
+    for called in (jax.jit(mean), jax.jit(lambda *_: mean(y, u)), jax.vmap(mean)):
+        message("Dual.filter is not for use under jax.jit", partial(called, y[None], u[None]))
+    update = jax.jit(lambda state, row: (both.update(state, *row)[0], None))
+    state = jax.lax.scan(update, both.init(u[0]), (y, u))[0]
+    np.testing.assert_allclose(state.mean, both.filter(y, u).state.mean, rtol=1e-9)
+
+
 def test_32_bits():
     def model(a):
         return sp.StateSpaceModel(

@@ -254,6 +254,33 @@ def test_what_cannot_be_learned_so_is_said():
         sp.em(model, y, steps=1)
 
 
+@pytest.mark.parametrize(
+    ("structure", "got"),
+    [
+        (sp.fixed, "got fixed, which raises"),
+        (jnp.diagonal, r"got diagonal, which gives .*shape=\(2,\)"),
+        (lambda moment: np.diag(np.diagonal(moment)), "got <lambda>, which raises TracerArrayConversionError"),
+        (lambda moment: "full", "got <lambda>, which raises TypeError"),
+    ],
+)
+@pytest.mark.parametrize("name", ["process_noise", "observation_noise", "initial"])
+def test_a_structure_that_gives_no_covariance_is_refused_before_anything_is_compiled(structure, got, name):
+    said = rf"em: {name} must be sp.full, sp.diagonal, sp.tied, None .* \(2, 2\) to a covariance \(2, 2\), {got}"
+    with pytest.raises(ValueError, match=said):
+        sp.em(_model(START), np.ones((3, 2)), **{name: structure})
+
+
+def test_under_a_transformation_the_way_out_is_named():
+    y = np.ones((3, 2))
+
+    def likelihood(q):
+        return sp.em(_model(START._replace(Q=q * jnp.eye(2))), y).log_likelihood[-1]
+
+    for called in (jax.jit(likelihood), jax.grad(likelihood), jax.jit(lambda _: sp.em(_model(START), y).converged)):
+        with pytest.raises(ValueError, match=r"em is not for use under jax.jit.*sp.log_posterior"):
+            called(1.0)
+
+
 def test_parameters_of_any_size_are_learned():
     def build(t):
         return sp.StateSpaceModel(

@@ -190,6 +190,12 @@ def test_a_variance_is_not_fitted_below_zero():
         assert sp.fit(_level, sp.real(0.05, 0.1), y, method=sp.ekf()).theta >= 0
 
 
+def test_under_a_transformation_the_way_out_is_named():
+    fit = jax.jit(lambda y: sp.fit(autoregression, THETA, y).z)
+    with pytest.raises(ValueError, match=r"fit is not for use under jax.jit.*sp.log_posterior"):
+        fit(np.ones((3, 1)))
+
+
 def test_a_profile_begins_at_its_own_peak_and_says_so():
     value = np.linspace(-2.0, 2.0, 9)
     two = Profile("a", value, -2 * np.minimum((value + 1) ** 2 + 0.1, (value - 1) ** 2 / 0.1), -0.2)

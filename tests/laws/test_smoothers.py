@@ -131,6 +131,19 @@ def test_live_it_is_the_same(method):
     np.testing.assert_allclose(window.mean, offline.mean[-lag - 1 :], rtol=1e-9, atol=1e-11)
 
 
+def test_prepared_ahead_no_sample_compiles_anything(caplog):
+    (y, u), live = jax.tree.map(np.asarray, _series(4)), sp.online_smoother(_pendulum(), 2)
+    state = live.prepare(np.zeros(y.shape[1]), 0.0)
+    assert int(state.filter.step) == 0
+    caplog.clear()
+    with jax.log_compiles():
+        for k in range(4):
+            state, _ = live.update(state, y[k], u[k])
+            live.smoothed(state)
+            state = live.predict(state, u[k])
+    assert not caplog.records
+
+
 @pytest.mark.parametrize("n", [1, 3])
 @pytest.mark.parametrize("method", [sp.srukf(), sp.cdkf()])
 def test_covariances_of_neighbours_are_the_textbooks(n, method):

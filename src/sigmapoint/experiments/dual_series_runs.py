@@ -17,7 +17,7 @@ import sigmapoint as sp
 from sigmapoint.filtering import scan
 from sigmapoint.identification.cell import Sample
 from sigmapoint.identification.costs import Cost
-from sigmapoint.identification.dual import through
+from sigmapoint.identification.coupled import through
 from sigmapoint.identification.maximization import Found, Problem, maximized
 from sigmapoint.identification.unknowns import Unknowns
 from sigmapoint.methods import Method

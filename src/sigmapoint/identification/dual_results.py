@@ -7,13 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from sigmapoint.contents import Contents, Curve, Panel, Section
 from sigmapoint.identification.cell import Cell
+from sigmapoint.identification.contents import over_time
 from sigmapoint.identification.estimates import Estimates
 from sigmapoint.identification.unknowns import built
 from sigmapoint.learning.state import LearnerState
 from sigmapoint.linalg import norm_rows
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.plotting import plot_panels
 from sigmapoint.results import Posterior
+from sigmapoint.tables import instants
 
 
 def root(cell: Cell, learner: LearnerState) -> Float[Array, "n k"]:
@@ -68,6 +72,15 @@ class DualHistory(NamedTuple):
     log_likelihood: Float[np.ndarray, " E"]
     """natural logarithm of the density of all measurements, by the state filter"""
 
+    def section(self) -> Section:
+        """What a page shows of them."""
+        epochs = np.arange(1, len(self.mse) + 1)
+        drawn = {"Log-likelihood": self.log_likelihood, "Mean squared innovation": self.mse}
+        panels = {name: Panel((Curve(y, x=epochs),), "epoch") for name, y in drawn.items()}
+        text = "By the filter of the states, which has predicted every sample before anything was learned from it. "
+        text += "States and parameters on this page are those of the last epoch; it counts the measurements again."
+        return Section("Epochs", text, panels=panels)
+
 
 class DualResult(NamedTuple):
     """States and parameters over a series, in the last epoch; made by `Dual.filter`."""
@@ -90,3 +103,25 @@ class DualResult(NamedTuple):
     def model(self) -> StateSpaceModel:
         """The model with these parameters."""
         return built(self.state.cell.build, self.theta)
+
+    def contents(self) -> Contents:
+        """What a page about it shows: the states, and the parameters over time."""
+        parameters = over_time(self.state.cell.unknowns.names, self.estimates)
+        epochs = (self.history.section(),) if len(self.history.mse) > 1 else ()
+        return Contents({"": self.post}, (parameters, *epochs))
+
+    def plot(self, time: Any = None) -> np.ndarray:
+        """Draw each parameter after each sample, with its 95 % band, one below the other; the first 12 of many.
+
+        Args:
+            time: instants (T,), for the horizontal axis; 0, 1, 2, … where not given.
+
+        Returns:
+            The matplotlib axes, an array with one for each parameter drawn; the states are drawn by `post.plot()`.
+
+        Raises:
+            ValueError: `time` of another length.
+            ImportError: matplotlib is not installed.
+        """
+        section = over_time(self.state.cell.unknowns.names, self.estimates)
+        return plot_panels(section.panels, instants(time, len(self.post.y)), "sample" if time is None else "time")

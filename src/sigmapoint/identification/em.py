@@ -15,14 +15,18 @@ from jaxtyping import Float
 
 from sigmapoint import checks
 from sigmapoint.blackbox import NoDerivative, unwrapped
+from sigmapoint.contents import Card, Contents, Curve, Panel, Section
 from sigmapoint.filtering import fitting
+from sigmapoint.identification.contents import noises, values
 from sigmapoint.identification.maximization import Constant, Found, Problem, maximized
-from sigmapoint.identification.structures import Structure, full
+from sigmapoint.identification.structures import Structure, check_structure, full
 from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive
+from sigmapoint.plotting import plot_panels
 from sigmapoint.ragged import stacked
+from sigmapoint.verdicts import Verdict
 
 
 class EM(NamedTuple):
@@ -38,9 +42,38 @@ class EM(NamedTuple):
     """whether the last step changed it by less than the tolerance"""
 
     def __str__(self) -> str:
-        first, best, steps = self.log_likelihood[0], self.log_likelihood.max(), len(self.log_likelihood) - 1
+        first, best, steps = self.log_likelihood[0], np.nanmax(self.log_likelihood), len(self.log_likelihood) - 1
         ending = "" if self.converged else ", not converged"
         return f"log-likelihood from {first:.6g} to {best:.6g} in {steps} steps{ending}"
+
+    def contents(self) -> Contents:
+        """What a page about it shows: the log-likelihood step by step, parameters and noises."""
+        text = "Each step smooths with the model as it is, and takes the one under which what is then expected is the "
+        text += "most likely. The log-likelihood of the measurements rises, as far as the filter's approximation goes."
+        best, steps = np.nanmax(self.log_likelihood), len(self.log_likelihood) - 1
+        cards = (
+            Card("Log-likelihood", best, f"at the start {self.log_likelihood[0]:.5g}"),
+            Card("Steps", steps, "converged" if self.converged else "not converged"),
+        )
+        advice = "give more steps, or where the log-likelihood fell at the end, use sp.fit"
+        bad = Verdict("warning", f"Not converged, and the best model so far is shown: {advice}.")
+        verdicts = () if self.converged else (bad,)
+        search = Section("Expectation-maximisation", text, cards, verdicts, panels=self._panels)
+        learned = () if self.theta is None else (values(self.theta),)
+        return Contents({}, (search, *learned, noises(self.model)))
+
+    def plot(self) -> np.ndarray:
+        """Draw the log-likelihood before the first step and after each; returns the matplotlib axes, an array of one.
+
+        Raises:
+            ImportError: matplotlib is not installed.
+        """
+        return plot_panels(self._panels)
+
+    @property
+    def _panels(self) -> dict[str, Panel]:
+        steps = np.arange(len(self.log_likelihood))
+        return {"Log-likelihood": Panel((Curve(self.log_likelihood, x=steps),), "step")}
 
 
 def em(
@@ -76,8 +109,9 @@ def em(
         An `EM`: the model, `theta`, the log-likelihood step by step, and whether it has converged.
 
     Raises:
-        ValueError: as `filter`; nothing to learn; noises to learn that change with time; noises to learn, or beside
-            parameters, that are not additive; a likelihood that is not finite at the start; parameters of a black box.
+        ValueError: as `filter`; nothing to learn; a structure that gives no covariance; noises to learn that change
+            with time; noises to learn, or beside parameters, that are not additive; a likelihood that is not finite at
+            the start; parameters of a black box; under `jax.jit`.
         ImportError: parameters, and optimistix is not installed (`pip install sigmapoint[fit]`).
 
     Warns where the likelihood has fallen (the approximation of the filter is too coarse to go on; the best model so far
@@ -96,6 +130,7 @@ def em(
         >>> bool(0.05 < found.model.process_noise.cov[0, 0] < 0.2), bool((jnp.diff(found.log_likelihood) > 0).all())
         (True, True)
     """
+    checks.untransformed("em", "sp.log_posterior", model, theta, y, u)
     steps, tolerance = checks.whole("steps", steps, 1), checks.number("tolerance", tolerance)
     problem, start = _problem(model, theta, method, process_noise, observation_noise, initial)
     y, u, lengths = stacked(problem.model(start), y, u)
@@ -175,7 +210,7 @@ def _problem(
         given = built(model, unknowns.tree(z))
     for name, structure in (("process_noise", process), ("observation_noise", observation), ("initial", initial)):
         if structure is not None:
-            checks.function(name, structure, "a second moment, such as sp.full")
+            check_structure(name, structure, getattr(given, name).cov)
     for name, structure in (("process_noise", process), ("observation_noise", observation)):
         noise: Any = getattr(given, name)
         if (structure is not None or z is not None) and not isinstance(noise, Additive):

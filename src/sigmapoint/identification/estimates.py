@@ -74,7 +74,9 @@ def estimates(theta: Any, post: Posterior | FilterState) -> Estimates:
     if post.mean is None or post.std is None:
         raise ValueError("estimates: the result has no mean or no std: filter with both among keep=")
     if post.std.shape[-1] < unknowns.size:
-        raise ValueError(f"estimates: {unknowns.size} parameters in a result of {post.std.shape[-1]} states")
+        raise ValueError(
+            f"estimates: {unknowns.size} parameters in a result of {post.std.shape[-1]} states: is it of sp.joint?"
+        )
     names = tuple(f"z.{name}" for name in unknowns.names)
     if isinstance(post, Posterior) and post.labels.states[-unknowns.size :] != names:
         raise ValueError(

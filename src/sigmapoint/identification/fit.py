@@ -19,12 +19,15 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks
 from sigmapoint.blackbox import NoDerivative
+from sigmapoint.contents import Card, Contents
+from sigmapoint.identification.contents import at_one_time
 from sigmapoint.identification.estimates import Estimates
 from sigmapoint.identification.likelihood import LogPosterior, log_posterior
 from sigmapoint.identification.profile import Profile, plot_profiles
 from sigmapoint.identification.unknowns import built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.verdicts import Verdict
 
 NEAR = 0.01
 """Standard deviations from the optimum at which a search has arrived."""
@@ -98,6 +101,20 @@ class Fit(eqx.Module):
         """Draw the profile of every parameter; returns the matplotlib axes."""
         return plot_profiles([self.profile(name, points) for name in self.names])
 
+    def contents(self) -> Contents:
+        """What a page about it shows: the table of the parameters, and how the search ended."""
+        cards = (
+            Card("Log-likelihood", self.log_likelihood),
+            Card("Evaluations", self.steps, "converged" if self.converged else "not converged"),
+        )
+        known = np.isfinite(np.diagonal(self.z_cov))
+        left = ", ".join(name for name, there in zip(self.names, known) if not there)
+        verdicts = [] if self.converged else [Verdict("bad", "Not converged: values and intervals are not to be used.")]
+        if left:
+            verdicts.append(Verdict("warning", f"The measurements leave {left} open, alone or together."))
+        table = at_one_time(self.names, self.estimates)
+        return Contents({}, (table._replace(cards=cards, verdicts=tuple(verdicts)),))
+
     def __str__(self) -> str:
         unknowns = self.posterior.unknowns
         std = jnp.sqrt(jnp.diagonal(self.z_cov))
@@ -140,7 +157,8 @@ def fit(
         A `Fit`: `theta`, `estimates`, `model`, `profile(name)`, `log_likelihood`, `converged`.
 
     Raises:
-        ValueError: as `log_posterior`; nothing measured; a likelihood that is not finite at the start; a black box.
+        ValueError: as `log_posterior`; nothing measured; a likelihood that is not finite at the start; a black box;
+            under `jax.jit`.
         ImportError: optimistix is not installed (`pip install sigmapoint[fit]`).
 
     Warns where the search has not converged, and where measurements leave a parameter open (its deviation is NaN).
@@ -159,6 +177,7 @@ def fit(
     """
     from sigmapoint.identification.optimum import fitted
 
+    checks.untransformed("fit", "sp.log_posterior", theta, y, u)
     weight, steps = checks.number("prior", prior), checks.whole("steps", steps, 1)
     if not 0 <= weight < np.inf:
         raise ValueError(f"prior must be 0 (maximum likelihood), 1 (maximum a posteriori) or above, got {prior}")

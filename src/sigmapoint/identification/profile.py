@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sigmapoint import checks
+from sigmapoint.contents import Contents, Curve, Panel, Section
 from sigmapoint.identification.estimates import BAR
 
 
@@ -33,6 +34,14 @@ class Profile(NamedTuple):
         peak = int(np.argmax(self.log_likelihood))
         fall = np.sqrt(2 * np.maximum(max(self.best, self.log_likelihood[peak]) - self.log_likelihood, 0.0))
         return _crossing(fall[peak::-1], self.value[peak::-1]), _crossing(fall[peak:], self.value[peak:])
+
+    def contents(self) -> Contents:
+        """What a page about it shows."""
+        curve = Curve(self.log_likelihood - self.best, x=self.value)
+        text = "The log-likelihood below its highest where one parameter is held and the others are at their best for "
+        text += "it. Dotted: 2 below, where the 95 % interval ends."
+        panel = Panel((curve,), self.name, "log-likelihood − best", -(BAR**2) / 2)
+        return Contents({}, (Section("Profiles", text, panels={self.name: panel}),))
 
 
 def _crossing(fall: np.ndarray, value: np.ndarray) -> float:

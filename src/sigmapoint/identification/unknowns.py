@@ -145,6 +145,12 @@ def built(build: Callable[[Any], StateSpaceModel], theta: Any) -> StateSpaceMode
     return model
 
 
+def names_of(theta: Any) -> tuple[str, ...]:
+    """Of the parameters in a pytree of their values, element by element."""
+    found = jax.tree_util.tree_leaves_with_path(eqx.filter(theta, eqx.is_inexact_array))
+    return tuple(name for path, leaf in found for name in _names(path, leaf.shape))
+
+
 def _is_unknown(a: Any) -> bool:
     return isinstance(a, Unknown)
 

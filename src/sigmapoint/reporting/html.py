@@ -1,6 +1,7 @@
 """Pieces of HTML: everything that comes from the user is escaped here."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
@@ -92,9 +93,24 @@ class Graphs:
         )
 
 
+def anchor(title: str) -> str:
+    """Where a link to a section leads."""
+    return re.sub(r"\W+", "-", title.lower())
+
+
 def grid(columns: str, figures: Sequence[str]) -> str:
     """Figures side by side where there is room."""
     return f'<div class="grid {columns}">{"".join(figures)}</div>' if figures else ""
+
+
+def grid_of(figures: Sequence[str]) -> str:
+    """In two columns where there are more than two."""
+    return grid("two" if len(figures) > 2 else "", figures)
+
+
+def few(drawn: int, total: int, what: str) -> str:
+    """That not all are drawn, where that is so."""
+    return f'<p class="soft">The first {drawn} of {total} {what} are drawn.</p>' if drawn < total else ""
 
 
 def _numeric(value: Any) -> bool:

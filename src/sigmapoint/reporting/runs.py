@@ -13,22 +13,15 @@ from sigmapoint.accuracy import Coverage, errors
 from sigmapoint.consistency import normalised
 from sigmapoint.curves import principal
 from sigmapoint.diagnostics import Diagnosis, diagnose
+from sigmapoint.reporting.traces import Style
 from sigmapoint.results import Axis, Labels, Posterior, host
-
-COLORS = ("#2f81f7", "#f08a24", "#1fa97a", "#b068e8", "#e5534b", "#12a5b8", "#c9a227", "#8d99ae")
-"""Readable on light and dark ground."""
-DASHES = ("solid", "dash", "dot", "dashdot")
-"""One for each round of the colours, and never colour alone for neighbours of the same round."""
 
 
 class Run(NamedTuple):
     """One method; what was not kept, or is not known, is None."""
 
     name: str
-    color: str
-    fill: str
-    """colour of its band, fainter the more bands there are"""
-    dash: str
+    style: Style
     mean: Float[np.ndarray, "T d"] | None
     std: Float[np.ndarray, "T n"] | None
     error: Float[np.ndarray, "T n"] | None
@@ -83,36 +76,32 @@ class Runs(NamedTuple):
         return self.labels.innovations(_width(run.innovation for run in self.each))
 
 
-def runs_of(result: Posterior | Mapping[str, Posterior], x: np.ndarray, axis: str, truth: Any) -> Runs:
+def runs_of(posts: Mapping[str, Posterior], x: np.ndarray, axis: str, truth: Any) -> Runs:
     """Everything the figures need.
 
     Raises:
-        ValueError: no result; results of different series; a truth of another shape.
+        ValueError: results of different series; a truth of another shape.
     """
-    posts = {"": result} if isinstance(result, Posterior) else dict(result)
     first = next(iter(posts.values()))
     labels = first.labels
     for name, post in posts.items():
         if post.y.shape != first.y.shape or post.labels != first.labels:
             raise ValueError(f"result {name!r} is of another series or model than the first; make one report for each")
     true = None if truth is None else data_checks.truth(truth, (first.y.shape[0], len(labels.states)))
-    each = [_run(i, name, post, true, 0.18 / len(posts) ** 0.5) for i, (name, post) in enumerate(posts.items())]
+    each = [_run(name, post, true, Style.of(i, len(posts))) for i, (name, post) in enumerate(posts.items())]
     shown = None if true is None else principal(labels.state_space, true)
     return Runs(each, labels, principal(labels.observation_space, host(first.y)), x, axis, shown)
 
 
-def _run(i: int, name: str, post: Posterior, truth: np.ndarray | None, opacity: float) -> Run:
+def _run(name: str, post: Posterior, truth: np.ndarray | None, style: Style) -> Run:
     S, innovation = post.innovation_cov, post.innovation
     checkable = S is not None and innovation is not None and post.nis is not None
     judged = truth is not None and post.mean is not None and post.std is not None
     found = errors(post, truth) if judged else None
     truth_too = truth if judged and post.cov is not None else None
-    color = COLORS[i % len(COLORS)]
     return Run(
         name=name,
-        color=color,
-        fill=f"rgba({', '.join(str(int(color[j : j + 2], 16)) for j in (1, 3, 5))}, {opacity:.2f})",
-        dash=DASHES[i // len(COLORS) % len(DASHES)],
+        style=style,
         mean=_optional(post.mean),
         std=_optional(post.std),
         error=None if found is None else found.value,

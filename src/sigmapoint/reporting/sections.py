@@ -7,12 +7,28 @@ import numpy as np
 
 from sigmapoint.plotting import SHOWN
 from sigmapoint.reporting.figures import error_figure, innovation_figure, measurement_figure, nis_figure, state_figure
-from sigmapoint.reporting.html import Graphs, badge, card, grid, number, section, table, verdict_list
+from sigmapoint.reporting.html import Graphs, badge, card, few, grid, grid_of, number, section, table, verdict_list
 from sigmapoint.reporting.runs import Run, Runs
 from sigmapoint.reporting.whiteness_figures import autocorrelation_figure, histogram_figure, qq_figure
 
 BAND = "expected {:.2f} to {:.2f}"
 VIEW = "At first the rarest large values may be out of view: double-click to see all, and again to go back."
+
+
+def judged(runs: Runs) -> dict[str, str]:
+    """How runs of a filter went, in numbers and words, by the name of the link."""
+    return {"Summary": summary(runs), "Trust": trust(runs)}
+
+
+def drawn(runs: Runs, graphs: Graphs) -> dict[str, str]:
+    """Figures of runs of a filter, by the name of the link."""
+    return {
+        "States": states(runs, graphs),
+        "Accuracy": accuracy(runs, graphs),
+        "Measurements": innovations(runs, graphs),
+        "NIS": nis(runs, graphs),
+        "Whiteness": whiteness(runs, graphs),
+    }
 
 
 def summary(runs: Runs) -> str:
@@ -64,8 +80,8 @@ def states(runs: Runs, graphs: Graphs) -> str:
         "states",
         "States",
         text,
-        _few(drawn, len(names), "states"),
-        _grid([graphs.figure(names[i], state_figure(runs, i)) for i in range(drawn)]),
+        few(drawn, len(names), "states"),
+        grid_of([graphs.figure(names[i], state_figure(runs, i)) for i in range(drawn)]),
     )
 
 
@@ -81,7 +97,7 @@ def accuracy(runs: Runs, graphs: Graphs) -> str:
         "Error: truth minus estimate. A filter that knows its limits stays within ±2σ about 95 % of the time. " + VIEW
     )
     listed = table("", rows)
-    return section("accuracy", "Accuracy", text, listed, _few(len(figures), len(known), "states"), _grid(figures))
+    return section("accuracy", "Accuracy", text, listed, few(len(figures), len(known), "states"), grid_of(figures))
 
 
 def innovations(runs: Runs, graphs: Graphs) -> str:
@@ -102,8 +118,8 @@ def innovations(runs: Runs, graphs: Graphs) -> str:
         "Innovation: measurement minus what the filter expected just before it. It should stay within ±2σ about 95 % "
     )
     text += "of the time and show no pattern. " + VIEW + repeated
-    few = _few(drawn, total, "measured quantities")
-    return section("measurements", "Measurements and innovations", text, few, grid("two", figures))
+    some = few(drawn, total, "measured quantities")
+    return section("measurements", "Measurements and innovations", text, some, grid("two", figures))
 
 
 def nis(runs: Runs, graphs: Graphs) -> str:
@@ -139,8 +155,8 @@ def whiteness(runs: Runs, graphs: Graphs) -> str:
         parts.append(table("Correlation of innovations with the inputs", rows))
     text = "If the model is right, normalised innovations are uncorrelated in time (bars within the dotted lines) and "
     text += "Gaussian (bars under the curve, points on the line)."
-    few = _few(drawn, len(labels), "measured quantities")
-    return section("whiteness", "Are the innovations white?", text, few, *parts)
+    some = few(drawn, len(labels), "measured quantities")
+    return section("whiteness", "Are the innovations white?", text, some, *parts)
 
 
 def _row(run: Run, runs: Runs) -> dict[str, Any]:
@@ -192,11 +208,3 @@ def _repeated(runs: Runs) -> str:
     said = [f"{name} has those of {first}" for name, first in runs.repeated.items()]
     listed = escape(", ".join(said))
     return f" Shown once: {listed}; a smoother's innovations are its filter's." if said else ""
-
-
-def _few(drawn: int, total: int, what: str) -> str:
-    return f'<p class="soft">The first {drawn} of {total} {what} are drawn.</p>' if drawn < total else ""
-
-
-def _grid(figures: list[str]) -> str:
-    return grid("two" if len(figures) > 2 else "", figures)

@@ -3,8 +3,8 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from sigmapoint.reporting.figures import MEASURED
 from sigmapoint.reporting.runs import Run, Runs
+from sigmapoint.reporting.traces import REFERENCE, plain
 from sigmapoint.whiteness import Element, quantiles
 
 EDGE = 5.0
@@ -15,11 +15,11 @@ WHOLE = 2.0
 
 def autocorrelation_figure(runs: Runs, j: int) -> go.Figure:
     """Autocorrelation of the normalised innovation `j` with the band of white noise."""
-    figure = _plain("lag [samples]", "autocorrelation")
+    figure = plain("lag [samples]", "autocorrelation")
     elements = _elements(runs, j)
     for run, element in elements:
         lags = np.arange(1, element.autocorrelation.size + 1)
-        figure.add_trace(go.Bar(x=lags, y=element.autocorrelation, name=run.name, marker={"color": run.color}))
+        figure.add_trace(go.Bar(x=lags, y=element.autocorrelation, name=run.name, marker={"color": run.style.color}))
     if elements:
         band = np.minimum(elements[0][1].band, WHOLE)  # one a lag: as wide as the pairs so far apart are few
         edges = np.arange(band.size + 1) + 0.5
@@ -33,7 +33,7 @@ def autocorrelation_figure(runs: Runs, j: int) -> go.Figure:
 
 def histogram_figure(runs: Runs, j: int) -> go.Figure:
     """Density of the normalised innovation `j` and of a standard normal."""
-    figure = _plain("normalised innovation [σ]", "density")
+    figure = plain("normalised innovation [σ]", "density")
     elements = _elements(runs, j)
     for run, element in elements:
         known = element.white[np.isfinite(element.white)]
@@ -42,10 +42,10 @@ def histogram_figure(runs: Runs, j: int) -> go.Figure:
         middle = (edges[1:] + edges[:-1]) / 2
         if len(elements) == 1:
             figure.add_trace(
-                go.Bar(x=middle, y=density, name="innovations", marker={"color": run.color}, width=10 / bins)
+                go.Bar(x=middle, y=density, name="innovations", marker={"color": run.style.color}, width=10 / bins)
             )
         else:
-            line = {"color": run.color, "dash": run.dash, "shape": "hvh"}
+            line = {"color": run.style.color, "dash": run.style.dash, "shape": "hvh"}
             figure.add_trace(go.Scatter(x=middle, y=density, name=run.name, mode="lines", line=line))
     x = np.linspace(-EDGE, EDGE, 121)
     figure.add_trace(_reference(x, np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi), "standard normal", dash="solid"))
@@ -54,12 +54,12 @@ def histogram_figure(runs: Runs, j: int) -> go.Figure:
 
 def qq_figure(runs: Runs, j: int) -> go.Figure:
     """Quantiles of the normalised innovation `j` against those of a standard normal: on the line if Gaussian."""
-    figure = _plain("quantile of a standard normal", "quantile of the innovations [σ]")
+    figure = plain("quantile of a standard normal", "quantile of the innovations [σ]")
     elements = _elements(runs, j)
     for run, element in elements:
         at, values = quantiles(element.white)
         figure.add_trace(
-            go.Scatter(x=at, y=values, name=run.name, mode="markers", marker={"color": run.color, "size": 4})
+            go.Scatter(x=at, y=values, name=run.name, mode="markers", marker={"color": run.style.color, "size": 4})
         )
     figure.add_trace(_reference(np.array([-4.0, 4.0]), np.array([-4.0, 4.0]), "standard normal"))
     return figure.update_layout(showlegend=len(elements) > 1)
@@ -72,13 +72,5 @@ def _elements(runs: Runs, j: int) -> list[tuple[Run, Element]]:
 
 
 def _reference(x: np.ndarray, y: np.ndarray, name: str, dash: str = "dot", shape: str = "linear") -> go.Scatter:
-    line = {"color": MEASURED, "width": 1.6, "dash": dash, "shape": shape}
+    line = {"color": REFERENCE, "width": 1.6, "dash": dash, "shape": shape}
     return go.Scatter(x=x, y=y, name=name, mode="lines", line=line, showlegend=False, hoverinfo="skip")
-
-
-def _plain(x_title: str, y_title: str) -> go.Figure:
-    figure = go.Figure(layout={"template": "none"})
-    figure.update_layout(meta={"series": False})
-    figure.update_xaxes(title_text=x_title)
-    figure.update_yaxes(title_text=y_title)
-    return figure

@@ -75,6 +75,26 @@ class OnlineSmoother:
         after = self._filter.predict(state.filter, u)
         return unwrapped(_pushed, self._model, self._method, state, after, u)
 
+    def prepare(self, y: Any, u: Any = None) -> LaggedState:
+        """Compile `update`, `predict` and `smoothed` ahead of the first sample; arguments as of `OnlineFilter.prepare`.
+
+        Returns:
+            The initial state, as `init`.
+
+        Raises:
+            ValueError: as `update`.
+
+        Examples:
+            >>> import jax.numpy as jnp, numpy as np, sigmapoint as sp
+            >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+            ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+            >>> sp.online_smoother(model, lag=2).prepare(np.zeros(1)).mean.shape
+            (1,)
+        """
+        state = self.init()
+        self.smoothed(self.predict(self.update(state, y, u)[0], u))
+        return state
+
     def smoothed(self, state: LaggedState) -> Window:
         """What is known now of the last instants.
 
