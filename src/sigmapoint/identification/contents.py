@@ -57,9 +57,9 @@ def separate(theta: Any, post: Posterior) -> Contents:
     found, unknowns = estimates(theta, post), Unknowns.of(theta)
     L, labels = unknowns.size, post.labels
     states = Posterior(
-        mean=post.mean[..., :-L],
+        mean=None if post.mean is None else post.mean[..., :-L],
         cov=None if post.cov is None else post.cov[..., :-L, :-L],
-        std=post.std[..., :-L],
+        std=None if post.std is None else post.std[..., :-L],
         innovation=post.innovation,
         innovation_cov=post.innovation_cov,
         nis=post.nis,
