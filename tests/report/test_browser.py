@@ -52,8 +52,7 @@ f.src = "PAGE";
 </script>"""
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory):
+def filtered():
     model = sp.StateSpaceModel(
         lambda x, u: 0.95 * x,
         lambda x, u: x[:1],
@@ -63,7 +62,27 @@ def page(tmp_path_factory):
         state_names=("level", "</script><script>console.error('injected')</script>"),
     )
     x, y = sp.simulate(model, 5000, key=jax.random.key(0))
-    return report(sp.filter(model, y), tmp_path_factory.mktemp("page") / "report.html", truth=x, title="A <b>title</b>")
+    return sp.filter(model, y), {"truth": x}
+
+
+def identified():
+    def build(theta):
+        return sp.StateSpaceModel(
+            lambda x, u: theta["a"] * x, lambda x, u: x, jnp.eye(1), theta["r"] * jnp.eye(1),
+            sp.Gaussian(jnp.zeros(1), jnp.eye(1)), state_names=("level",),
+        )  # fmt: skip
+
+    _, y = sp.simulate(build({"a": 0.9, "r": 1.0}), 5000, key=jax.random.key(0))
+    theta = {"a": sp.real(0.5, 0.2), "r": sp.positive(0.5, 0.5)}
+    learned = sp.em(build({"a": 0.9, "r": 0.5}), y, initial=None, tolerance=1e-3, method=sp.ekf())
+    dual = sp.dual(build, theta, cost=sp.maximum_likelihood(), state_method=sp.ekf(), parameter_method=sp.ekf())
+    return {"estimate": dual.filter(y, epochs=2), "em": learned}, {}
+
+
+@pytest.fixture(scope="module", params=[filtered, identified])
+def page(request, tmp_path_factory):
+    result, given = request.param()
+    return report(result, tmp_path_factory.mktemp("page") / "report.html", title="A <b>title</b>", **given)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs the browser chromium, which is not on this machine")

@@ -1,12 +1,13 @@
 """What a page about an identified model shows: its parameters in their own units, and its noises."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from sigmapoint.contents import Contents, Curve, Panel, Row, Section
 from sigmapoint.identification.estimates import Estimates, estimates
@@ -55,26 +56,19 @@ def separate(theta: Any, post: Posterior) -> Contents:
         ValueError: as `estimates`.
     """
     found, unknowns = estimates(theta, post), Unknowns.of(theta)
-    L, labels = unknowns.size, post.labels
-    states = Posterior(
-        mean=None if post.mean is None else post.mean[..., :-L],
-        cov=None if post.cov is None else post.cov[..., :-L, :-L],
-        std=None if post.std is None else post.std[..., :-L],
-        innovation=post.innovation,
-        innovation_cov=post.innovation_cov,
-        nis=post.nis,
-        log_likelihood=post.log_likelihood,
-        y=post.y,
-        u=post.u,
-        labels=Labels(
-            labels.states[:-L],
-            labels.state_units[:-L],
-            labels.observations,
-            labels.observation_units,
-            front(labels.state_space),
-            labels.observation_space,
-        ),
+    own = slice(-unknowns.size)
+
+    def of_states(a: Array | None, *axes: slice) -> Any:
+        return None if a is None else a[(..., *axes)]
+
+    labels = replace(
+        post.labels,
+        states=post.labels.states[own],
+        state_units=post.labels.state_units[own],
+        state_space=front(post.labels.state_space),
     )
+    mean, cov, std = of_states(post.mean, own), of_states(post.cov, own, own), of_states(post.std, own)
+    states = replace(post, mean=mean, cov=cov, std=std, labels=labels)
     return Contents({"": states}, (over_time(unknowns.names, found),))
 
 

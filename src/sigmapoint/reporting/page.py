@@ -77,6 +77,14 @@ def report(
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     report(sp.filter(model, jnp.ones((50, 1))), pathlib.Path(folder) / "report.html").name
         'report.html'
+
+        With what was learned beside the filter that uses it:
+
+        >>> found = sp.em(model, jnp.sin(jnp.arange(50.0))[:, None], tolerance=0.1)
+        >>> both = {"em": found, "filter": sp.filter(found.model, jnp.ones((50, 1)))}
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     report(both, pathlib.Path(folder) / "em.html").name
+        'em.html'
     """
     contents = _contents(result, theta)
     series = _series(contents.posteriors, time, "sample" if time is None else time_label, truth)
