@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-import sigmapoint as sp
 from sigmapoint.experiments import EXPERIMENTS
 from sigmapoint.problems import network, noisy_series
 
@@ -40,4 +39,3 @@ def test_quick(tmp_path):
     assert (tmp_path / "smoother.png").exists()
     found = {(row["method"], row["quantity"][-2]): row["measured"] for row in rows}
     assert found["UKS", "S"] < found["UKS", "F"] < 0.6
-    assert isinstance(sp.two_filter(), sp.smoothing.Smoother)

@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 import sigmapoint as sp
 from sigmapoint.problems.network import Parameters, network
+from sigmapoint.smoothing.smoother import Smoother
 
 ORDER, UNITS = 5, 3
 GAIN, DRIVE = 4.0, 0.05
@@ -60,7 +61,7 @@ def model(
     return sp.StateSpaceModel(Forward(weights), first, Q, noise * jnp.eye(1), initial)
 
 
-def backward(weights: Parameters, process: Float[Array, ""], initial: sp.Gaussian) -> sp.smoothing.Smoother:
+def backward(weights: Parameters, process: Float[Array, ""], initial: sp.Gaussian) -> Smoother:
     """The two-filter smoother with this network backward."""
     p = initial.mean.shape[0]
     return sp.two_filter(Backward(weights), noise=jnp.zeros((p, p)).at[-1, -1].set(process), initial=initial)
