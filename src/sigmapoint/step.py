@@ -40,17 +40,17 @@ class FilterState(NamedTuple):
     step: Int[Array, ""]
 
     @property
-    def mean(self) -> Float[Array, " d"]:
+    def mean(self) -> Float[Array, "*T d"]:
         """Mean of the state, in its units."""
         return self.belief.mean
 
     @property
-    def cov(self) -> Float[Array, "n n"]:
+    def cov(self) -> Float[Array, "*T n n"]:
         """Covariance of the state, in products of its units."""
         return self.belief.cov
 
     @property
-    def std(self) -> Float[Array, " n"]:
+    def std(self) -> Float[Array, "*T n"]:
         """Standard deviations of the state's elements, in their units."""
         return self.belief.std
 
