@@ -48,22 +48,22 @@ class Backward(Smoother, eqx.Module):
 
     def filtered(self, run: Filter, y: Array, u: Any, real: Array | None = None) -> tuple[Belief, Belief]:
         """Beliefs about every state from the measurements after it, and from those and its own."""
-        forward = run.model
-        if self.initial.mean.shape != forward.initial.mean.shape:
+        model = run.model
+        if self.initial.mean.shape != model.initial.mean.shape:
             raise ValueError(
-                f"two_filter: initial must have a mean of shape {forward.initial.mean.shape}, as the states of the "
+                f"two_filter: initial must have a mean of shape {model.initial.mean.shape}, as the states of the "
                 f"model, got {self.initial.mean.shape}"
             )
         data_checks.long_enough(y.shape[0] - 1, noise=self.noise)
         back = Filter.of(
             StateSpaceModel(
                 self.dynamics,
-                forward.observation,
+                model.observation,
                 self.noise,
-                forward.observation_noise,
+                model.observation_noise,
                 self.initial,
-                state_space=forward.state_space,
-                observation_space=forward.observation_space,
+                state_space=model.state_space,
+                observation_space=model.observation_space,
             ),
             run.method,
         )
