@@ -30,7 +30,9 @@ def parse_method(text: str) -> Method:
     try:
         tree = ast.parse(text.strip(), mode="eval").body
         return _method(tree, text)
-    except (SyntaxError, RecursionError, MemoryError) as error:
+    except InputError:
+        raise
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:  # a null byte is a ValueError before 3.11.4
         raise InputError(f"method {_short(text)!r} is not an expression such as srukf or ukf(alpha=1e-3)") from error
 
 

@@ -209,7 +209,9 @@ def from_weights(
     phi = w[:, None] * points[1:]
     v = w / np.sqrt(s)
     rest = np.eye(len(w)) - phi @ phi.T + (np.sqrt(max(c2, 0.0)) - 1.0) * np.outer(v, v)
-    return SigmaPoints(points, weights, _behind_centre(phi.T * w), _behind_centre(_compressed(rest) * w))
+    E = _compressed(rest)
+    E = E - (E @ phi) @ phi.T  # what the decomposition's round-off has left of the slope is multiplied by large values
+    return SigmaPoints(points, weights, _behind_centre(phi.T * w), _behind_centre(E * w))
 
 
 def _behind_centre(rows: np.ndarray) -> np.ndarray:
