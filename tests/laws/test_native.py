@@ -182,7 +182,9 @@ def test_one_row_through_posterior_linearization(in_parallel):
     np.testing.assert_allclose(found.cov, [np.diag([0.5, 1.0])], atol=1e-12)
 
 
-@pytest.mark.parametrize("smoother", [sp.two_filter(), sp.fixed_lag(2), sp.ipls(2)], ids=str)
+@pytest.mark.parametrize(
+    "smoother", [sp.two_filter(), sp.fixed_lag(2), pytest.param(sp.ipls(2), marks=pytest.mark.slow)], ids=str
+)
 def test_derivatives_of_what_looks_back_are_those_of_finite_differences(smoother):
     def last(q):
         model = sp.StateSpaceModel(

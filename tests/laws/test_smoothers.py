@@ -255,7 +255,7 @@ def test_a_backward_model_with_noises_that_change_with_time_gives_batch_least_sq
 
 
 @pytest.mark.parametrize("smoother", [*BACK.values(), sp.fixed_lag(2)])
-@pytest.mark.parametrize("method", [sp.srcdkf(), sp.ukf()])
+@pytest.mark.parametrize("method", [sp.srcdkf(), pytest.param(sp.ukf(), marks=pytest.mark.slow)])
 def test_series_of_different_lengths_are_smoothed_as_alone(method, smoother):
     model = _pendulum()
     series = [_series(T) for T in (1, 9, 20)]
