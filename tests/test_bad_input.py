@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from particles.refused import REFUSED
 
 import sigmapoint as sp
 
@@ -199,6 +200,9 @@ def _angle(std, method=None):
 
 def _wide():
     return sp.StateSpaceModel(f, h, np.eye(9), EYE1, sp.Gaussian(np.zeros(9), np.eye(9)))
+
+
+CASES |= REFUSED
 
 
 def messages() -> dict[str, str]:

@@ -47,6 +47,11 @@ from sigmapoint.methods import (
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive, Gaussian, NonAdditive
 from sigmapoint.online import OnlineFilter, online
+from sigmapoint.particles import moves, proposals, resampling
+from sigmapoint.particles.method import ParticleMethod, auxiliary, bootstrap, ekpf, particle_filter, upf
+from sigmapoint.particles.posterior import ParticlePosterior
+from sigmapoint.particles.smoothing import backward_simulation
+from sigmapoint.particles.state import ParticleInfo, ParticleState
 from sigmapoint.results import Posterior
 from sigmapoint.simulation import simulate
 from sigmapoint.smoothing.fixed_lag import fixed_lag
@@ -99,6 +104,10 @@ __all__ = [
     "NonAdditive",
     "OnlineFilter",
     "OnlineSmoother",
+    "ParticleInfo",
+    "ParticleMethod",
+    "ParticlePosterior",
+    "ParticleState",
     "Posterior",
     "Prediction",
     "Profile",
@@ -111,8 +120,11 @@ __all__ = [
     "annealed",
     "at_mean",
     "augmented",
+    "auxiliary",
+    "backward_simulation",
     "batch",
     "blackbox",
+    "bootstrap",
     "bounded",
     "cdkf",
     "ckf",
@@ -122,6 +134,7 @@ __all__ = [
     "diagonal",
     "dual",
     "ekf",
+    "ekpf",
     "em",
     "estimates",
     "extended_set",
@@ -142,14 +155,18 @@ __all__ = [
     "load",
     "log_posterior",
     "maximum_likelihood",
+    "moves",
     "on_diagonal",
     "online",
     "online_smoother",
+    "particle_filter",
     "positive",
     "prediction_error",
+    "proposals",
     "real",
     "recurrent",
     "report",
+    "resampling",
     "residual",
     "robbins_monro",
     "rts",
@@ -168,4 +185,5 @@ __all__ = [
     "trajectories",
     "two_filter",
     "ukf",
+    "upf",
 ]

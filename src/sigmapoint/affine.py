@@ -19,10 +19,11 @@ from sigmapoint import series
 from sigmapoint.belief import SquareRoot, covariance
 from sigmapoint.carry import around
 from sigmapoint.conditioning import Conditioned, Joint, condition
-from sigmapoint.noise import Entry
+from sigmapoint.entering import Entry
 from sigmapoint.rules.linearization import Linearization, Rule
 from sigmapoint.spaces import Space
-from sigmapoint.step import Filter, Info, measured
+from sigmapoint.step import Filter, Info
+from sigmapoint.system import measured
 
 
 class Affine(NamedTuple):

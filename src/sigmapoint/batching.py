@@ -18,13 +18,12 @@ from jaxtyping import Array, Float, Int
 from sigmapoint import checks, data_checks
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import Estimator, Forward, fitting, series_of
-from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.ragged import Ragged, concatenated
-from sigmapoint.results import FIELDS, Posterior
+from sigmapoint.recipe import Recipe
+from sigmapoint.results import FIELDS
 from sigmapoint.runtime import NATIVE
-from sigmapoint.smoothing.smoother import MAKERS, Smoother
-from sigmapoint.step import Filter
+from sigmapoint.smoothing.smoother import Smoother, looking_back
 
 LARGEST_PIECE = 256
 """Series that are worked through in one call."""
@@ -39,8 +38,9 @@ def batch(
     model: StateSpaceModel,
     y: Any,
     u: Any = None,
-    method: Method | None = None,
+    method: Recipe | None = None,
     *,
+    key: Array | int | None = None,
     smoother: Smoother | None = None,
     keep: tuple[str, ...] = FIELDS,
 ) -> Any:
@@ -54,6 +54,7 @@ def batch(
         y: measurements (B, T, m); or a list of B arrays (Tᵢ, m), of different lengths.
         u: inputs, any pytree of arrays with leading axes (B, T); or a list of B pytrees with leading axis Tᵢ.
         method: as for `filter`.
+        key: as for `filter`; series i draws with `jax.random.split(key, B)[i]`.
         smoother: how to look back, e.g. `rts()`; where not given, beliefs are filtered.
         keep: as for `filter`. What is kept decides over the memory.
 
@@ -72,24 +73,24 @@ def batch(
         >>> [post.mean.shape for post in sp.batch(model, [np.ones((3, 1)), np.ones((5, 1))], smoother=sp.rts())]
         [(3, 1), (5, 1)]
     """
-    keep = checks.selection("keep", keep, FIELDS)
-    estimator: Estimator = Forward() if smoother is None else smoother
-    if smoother is not None:
-        checks.instance("smoother", smoother, Smoother, MAKERS)
     ragged = isinstance(y, list | tuple)
     rows = concatenated(y, u) if ragged else _flattened(y, u)
-    method, B = fitting(model, method), len(rows.lengths)
+    recipe, B = fitting(model, method), len(rows.lengths)
+    keep = checks.selection("keep", keep, recipe.posterior.FIELDS)
+    estimator: Estimator = Forward() if smoother is None else looking_back(smoother, recipe, model)
+    keys = jax.tree.map(lambda key: jax.random.split(key, B), recipe.random(key))
     flat_y, flat_u = series_of(model, rows.y, rows.u, int(rows.lengths.max()))
     if not all(map(checks.known, jax.tree.leaves((model, flat_y, flat_u)))):
         y, u = _split((flat_y, flat_u), B)
-        return Posterior.of(model, y, u, _together(model, y, u, jnp.asarray(rows.lengths), method, estimator, keep))
+        kept = _together(model, y, u, jnp.asarray(rows.lengths), keys, recipe, estimator, keep)
+        return recipe.posterior.of(model, y, u, kept)
     rows = Ragged(np.asarray(flat_y), jax.tree.map(np.asarray, flat_u), rows.starts, rows.lengths)
-    found = _over_workers(list(_pieces(rows, _one_by_one())), model, method, estimator, keep)
+    found = _over_workers(list(_pieces(rows, _one_by_one())), model, keys, recipe, estimator, keep)
     if ragged:
         every = jax.device_put([(*_series(rows, i), found[i]) for i in range(B)])
-        return [Posterior.of(model, *one) for one in every]
+        return [recipe.posterior.of(model, *one) for one in every]
     y, u = _split((flat_y, flat_u), B)
-    return Posterior.of(
+    return recipe.posterior.of(
         model, y, u, {name: jnp.asarray(np.stack([found[i][name] for i in range(B)])) for name in found[0]}
     )
 
@@ -161,15 +162,22 @@ def _workers() -> int:
 
 
 def _over_workers(
-    pieces: list[Piece], model: StateSpaceModel, method: Method, estimator: Estimator, keep: tuple[str, ...]
+    pieces: list[Piece],
+    model: StateSpaceModel,
+    keys: Array | None,
+    method: Recipe,
+    estimator: Estimator,
+    keep: tuple[str, ...],
 ) -> dict[int, dict[str, np.ndarray]]:
     """What was kept of each series, by its number."""
     devices = jax.local_devices()
 
     def work(i: int) -> list[tuple[int, dict[str, np.ndarray]]]:
         piece = pieces[i]
-        y, u, lengths = jax.device_put((piece.y, piece.u, piece.lengths), devices[i % len(devices)])
-        kept = unwrapped(_together, model, y, u, lengths, method, estimator, keep)
+        members = np.pad(piece.members, (0, len(piece.y) - len(piece.members)), mode="edge")
+        own = jax.tree.map(lambda keys: keys[members], keys)
+        y, u, lengths, own = jax.device_put((piece.y, piece.u, piece.lengths, own), devices[i % len(devices)])
+        kept = unwrapped(_together, model, y, u, lengths, own, method, estimator, keep)
         kept = {name: np.asarray(value) for name, value in kept.items()}
 
         def of(j: int) -> dict[str, np.ndarray]:
@@ -190,17 +198,18 @@ def _together(
     y: Float[Array, "S T m"],
     u: Any,
     lengths: Int[Array, " S"],
-    method: Method,
+    keys: Array | None,
+    method: Recipe,
     estimator: Estimator,
     keep: tuple[str, ...],
 ) -> dict[str, Array]:
-    run, T = Filter.of(model, method), y.shape[1]
+    T = y.shape[1]
 
-    def one(y: Array, u: Any, length: Array) -> dict[str, Array]:
-        real = jnp.arange(T) < length
+    def one(y: Array, u: Any, length: Array, key: Array | None) -> dict[str, Array]:
+        real, run = jnp.arange(T) < length, method.ready(model, key)
         return estimator(run, jnp.where(real[:, None], y, jnp.nan), u, keep, real)
 
-    return of_each(one, y, u, lengths)
+    return of_each(one, y, u, lengths, keys)
 
 
 def of_each(one: Callable[..., Any], *rows: Any) -> Any:

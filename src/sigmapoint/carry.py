@@ -22,8 +22,8 @@ from jaxtyping import Array, Float
 
 from sigmapoint.belief import Belief
 from sigmapoint.conditioning import Joint
+from sigmapoint.entering import Entry, Noise
 from sigmapoint.native import applied
-from sigmapoint.noise import Entry, Noise
 from sigmapoint.rules.linearization import Linearization, Rule, magnitude
 from sigmapoint.spaces import Space
 

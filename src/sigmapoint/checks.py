@@ -161,11 +161,33 @@ def covariance(name: str, value: Array, series: bool = False) -> None:
         )
 
 
+def singular(cov: Any) -> bool:
+    """Whether any covariance of a series leaves a combination of elements without a variance of its own."""
+    P = np.asarray(cov, np.float64)
+    scale = np.sqrt(np.einsum("...ii->...i", P))
+    bound = scale[..., :, None] * scale[..., None, :]
+    if not (bound > 0).all():
+        return True
+    return bool(np.linalg.eigvalsh(P / bound).min() <= P.shape[-1] * float(jnp.finfo(cov.dtype).eps))
+
+
+def gaussian(name: str, noise: Any) -> None:
+    """A noise that has a covariance, as a Gaussian filter needs."""
+    if noise.distribution is not None and known(noise.cov) and not np.isfinite(np.asarray(noise.cov)).all():
+        kind = type(noise).__name__
+        raise ValueError(
+            f"{name}: this distribution has no finite variance, which a Gaussian filter needs: give it a covariance "
+            f"beside the distribution, sp.{kind}(cov, distribution=...), or use a particle filter, sp.bootstrap(1000)"
+        )
+
+
 def key(name: str, given: Any) -> Array:
     """A random key, or a seed made into one."""
     if isinstance(given, int | np.integer) and not isinstance(given, bool):
         return jax.random.key(int(given))
-    if isinstance(given, jax.Array) and (jnp.issubdtype(given.dtype, jax.dtypes.prng_key) or given.shape == (2,)):
+    if isinstance(given, jax.Array) and given.shape == (2,) and given.dtype == jnp.uint32:
+        return jax.random.wrap_key_data(given)
+    if isinstance(given, jax.Array) and jnp.issubdtype(given.dtype, jax.dtypes.prng_key):
         return given
     raise ValueError(f"{name} must be jax.random.key(seed) or an integer seed, got {type(given).__name__}")
 
@@ -197,7 +219,7 @@ def digits(centre: float, dtype: Any) -> None:
             f"the sigma points of this method are so close together that means are good to about {lost:.1g} of a "
             f"value only in {dtype}: spread them (alpha=1), or compute in 64 bits: "
             'jax.config.update("jax_enable_x64", True)',
-            stacklevel=4,
+            stacklevel=5,
         )
 
 

@@ -20,8 +20,9 @@ from sigmapoint.accuracy import errors
 from sigmapoint.consistency import surprise
 from sigmapoint.contents import Contents
 from sigmapoint.filtering import filter, series_of
-from sigmapoint.methods import METHODS, Method
+from sigmapoint.methods import METHODS
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.recipe import Recipe
 from sigmapoint.results import Posterior, field
 from sigmapoint.smoothing.smoother import smooth as smoothed
 
@@ -121,9 +122,10 @@ def compare(
     model: StateSpaceModel,
     y: Any,
     u: Any = None,
-    methods: Mapping[str, Method] | None = None,
+    methods: Mapping[str, Recipe] | None = None,
     truth: Float[Array, "T d"] | Float[np.ndarray, "T d"] | None = None,
     *,
+    key: Array | int | None = None,
     smooth: bool = False,
     each: Callable[[str], None] = lambda name: None,
 ) -> Comparison:
@@ -135,6 +137,7 @@ def compare(
         u: inputs, any pytree of arrays with leading axis T, or nothing.
         methods: name -> method; the eleven standard ones where not given.
         truth: true states (T, n), in the units of the state; NaN where not known.
+        key: `jax.random.key(seed)`, or the seed, for methods that draw.
         smooth: judge smoothed in place of filtered estimates (innovations are the filter's in both cases).
         each: called with the name of each method before it runs, for a progress bar.
 
@@ -167,7 +170,7 @@ def compare(
     rows, posteriors = [], {}
     for name, method in chosen.items():
         each(name)
-        row, post = row_of(name, model, lambda method=method: estimate(model, y, u, method), states)
+        row, post = row_of(name, model, lambda method=method: estimate(model, y, u, method, key=key), states)
         rows.append(row)
         if post is not None:
             posteriors[name] = post

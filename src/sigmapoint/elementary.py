@@ -66,7 +66,7 @@ MODERATE = (1e-290, 1e290)
 """Lengths of a vector whose sums and quotients neither overflow nor lose digits."""
 
 
-def _polynomial(z: Array, coefficients: Sequence[float]) -> Array:
+def polynomial(z: Array, coefficients: Sequence[float]) -> Array:
     """Horner's scheme, lowest power first."""
     value = jnp.full_like(z, coefficients[-1])
     for c in coefficients[-2::-1]:
@@ -86,10 +86,10 @@ def _circular(x: Array, turned: float) -> Array:
     for part in QUARTER:
         r = r - k * part
     z = r * r
-    sine = r + r * z * _polynomial(z, SINE)
+    sine = r + r * z * polynomial(z, SINE)
     half = 0.5 * z
     about = 1.0 - half
-    cosine = about + ((1.0 - about) - half + z * z * _polynomial(z, COSINE))
+    cosine = about + ((1.0 - about) - half + z * z * polynomial(z, COSINE))
     quarter = k + turned
     quarter = quarter - 4.0 * jnp.floor(quarter * 0.25)
     value = jnp.where((quarter == 1) | (quarter == 3), cosine, sine)
@@ -111,7 +111,7 @@ def _direction(y: Array, x: Array) -> Array:
     steep = shorter > 0.66 * longer  # then arctan t = π/4 + arctan((t − 1) / (t + 1))
     t = jnp.where(steep, shorter - longer, shorter) / jnp.where(steep, shorter + longer, longer)
     z = t * t
-    angle = t + t * z * _polynomial(z, ARCTANGENT[0]) / _polynomial(z, ARCTANGENT[1])
+    angle = t + t * z * polynomial(z, ARCTANGENT[0]) / polynomial(z, ARCTANGENT[1])
     angle = jnp.where(steep, angle + 0.5 * LOW + np.pi / 4, angle)
     angle = jnp.where(up > along, (np.pi / 2 - angle) + LOW, angle)
     angle = jnp.where(_negative(x), (np.pi - angle) + 2 * LOW, angle)

@@ -1,4 +1,4 @@
-"""Filtering a series: `Filter.update` with y[k] and then `Filter.predict` with u[k], from the first row to the last."""
+"""Filtering a series: `update` with y[k] and then `predict` with u[k], from the first row to the last."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -13,17 +13,17 @@ from sigmapoint import checks, data_checks, series
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.methods import Method, srcdkf
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.recipe import MAKER, Recipe, Run
 from sigmapoint.results import FIELDS, Labels, Posterior
-from sigmapoint.rules.linearization import SigmaPointRule
-from sigmapoint.step import Filter, FilterState, Info
 
 
 def filter(
     model: StateSpaceModel,
     y: Any,
     u: Any = None,
-    method: Method | None = None,
+    method: Recipe | None = None,
     *,
+    key: Array | int | None = None,
     keep: tuple[str, ...] = FIELDS,
 ) -> Posterior:
     """Estimate the states of a model from measurements, each from those up to its own instant.
@@ -32,15 +32,18 @@ def filter(
         model: the model.
         y: measurements (T, m), in the units of the observation function; NaN where an element was not measured.
         u: inputs, any pytree of arrays with leading axis T, or nothing.
-        method: how, e.g. `srukf()`, `ekf()`; `srcdkf()` where not given.
+        method: how, e.g. `srukf()`, `ekf()`, `bootstrap(1000)`; `srcdkf()` where not given.
+        key: `jax.random.key(seed)`, or the seed, for methods that draw; of no account to the others.
         keep: which results to keep, to save memory on long series: a selection of `mean`, `cov`, `std`, `innovation`,
-            `innovation_cov`, `nis`. The log-likelihood is always kept.
+            `innovation_cov`, `nis`; of a particle filter also `particles`, `log_weights`, `ancestors`, which are not
+            kept unless named here. The log-likelihood is always kept.
 
     Returns:
-        A `Posterior` of filtered beliefs.
+        A `Posterior` of filtered beliefs; of a particle filter a `ParticlePosterior`.
 
     Raises:
-        ValueError: shapes that do not fit, NaN in `u`, infinite measurements, an unknown name in `keep`.
+        ValueError: shapes that do not fit, NaN in `u`, infinite measurements, an unknown name in `keep`, a method that
+            draws without a key, a model that is none for the method.
 
     Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
@@ -50,13 +53,13 @@ def filter(
         >>> post.mean.shape, post.log_likelihood.shape
         ((3, 1), ())
     """
-    y, u, method = prepared(model, y, u, method)
-    keep = checks.selection("keep", keep, FIELDS)
-    kept = unwrapped(estimate, model, y, u, method, Forward(), keep)
-    return Posterior.of(model, y, u, kept)
+    y, u, recipe = prepared(model, y, u, method)
+    keep = checks.selection("keep", keep, recipe.posterior.FIELDS)
+    kept = unwrapped(estimate, model, y, u, recipe, recipe.random(key), Forward(), keep)
+    return recipe.posterior.of(model, y, u, kept)
 
 
-def prepared(model: StateSpaceModel, y: Any, u: Any, method: Method | None = None) -> tuple[Array, Any, Method]:
+def prepared(model: StateSpaceModel, y: Any, u: Any, method: Recipe | None = None) -> tuple[Array, Any, Recipe]:
     """Checked measurements and inputs, and the method or its default."""
     method = fitting(model, method)
     return *series_of(model, y, u), method
@@ -73,16 +76,21 @@ def series_of(model: StateSpaceModel, y: Any, u: Any, longest: int | None = None
     return y, u
 
 
-def fitting(model: StateSpaceModel, method: Method | None) -> Method:
+def fitting(model: StateSpaceModel, method: Recipe | None) -> Recipe:
     """The method, or its default, checked together with the model."""
-    method = srcdkf() if method is None else method
+    recipe: Recipe = srcdkf() if method is None else method
     checks.instance("model", model, StateSpaceModel)
-    checks.instance("method", method, Method)
-    if isinstance(method.rule, SigmaPointRule):
-        constants = method.rule.constants(model.initial.cov.shape[-1])
-        checks.digits(abs(constants.centre), model.initial.mean.dtype)
-        checks.room(model.initial, constants.reach, model.state_space, model.state_names)
-    return method
+    checks.instance("method", recipe, Recipe, MAKER)
+    recipe.fits(model)
+    return recipe
+
+
+def gaussian(model: StateSpaceModel, method: Recipe | None) -> Method:
+    """The same, of what works with Gaussian beliefs only."""
+    given: Any = srcdkf() if method is None else method
+    checks.instance("method", given, Method, "a sp.Method, a Gaussian filter such as sp.srcdkf()")
+    fitting(model, given)
+    return given
 
 
 class Estimator(ABC):
@@ -90,7 +98,7 @@ class Estimator(ABC):
 
     @abstractmethod
     def __call__(
-        self, run: Filter, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
+        self, run: Any, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
     ) -> dict[str, Array]:
         """The fields named in `keep`, and the log-likelihood, over a series; of the rows that are `real`, if given."""
 
@@ -100,29 +108,36 @@ class Forward(Estimator):
     """The filter: each state from the measurements up to its own instant."""
 
     def __call__(
-        self, run: Filter, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
+        self, run: Run, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
     ) -> dict[str, Array]:
-        kept, log_likelihood, _ = scan(run, y, u, lambda state, info: fields(keep, state, info), real)
+        names = (*keep, *run.method.posterior.ALWAYS)
+        kept, log_likelihood, _ = scan(run, y, u, lambda state, info: fields(names, info, state), real)
         return {**kept, "log_likelihood": log_likelihood}
 
 
 @eqx.filter_jit
 def estimate(
-    model: StateSpaceModel, y: Array, u: Any, method: Method, estimator: Estimator, keep: tuple[str, ...]
+    model: StateSpaceModel,
+    y: Array,
+    u: Any,
+    method: Recipe,
+    key: Array | None,
+    estimator: Estimator,
+    keep: tuple[str, ...],
 ) -> dict[str, Array]:
     """One series through an estimator."""
-    return estimator(Filter.of(model, method), y, u, keep)
+    return estimator(method.ready(model, key), y, u, keep)
 
 
 def scan(
-    run: Filter, y: Array, u: Any, out: Callable[[FilterState, Info], Any], real: Array | None = None
-) -> tuple[Any, Float[Array, ""], FilterState]:
+    run: Run, y: Array, u: Any, out: Callable[[Any, Any], Any], real: Array | None = None
+) -> tuple[Any, Float[Array, ""], Any]:
     """Update and predict over a series: what `out(state, info)` keeps, the log-likelihood, and the state ahead.
 
     Rows that are not `real` fill up: they leave everything as it is.
     """
 
-    def step(carry: tuple[FilterState, Array], row: tuple[Array, Any]) -> tuple[tuple[FilterState, Array], Any]:
+    def step(carry: tuple[Any, Array], row: tuple[Array, Any]) -> tuple[tuple[Any, Array], Any]:
         state, total = carry
         state, info = run.update(state, *row)
         return (run.predict(state, row[1]), total + info.log_likelihood), out(state, info)
@@ -134,5 +149,5 @@ def scan(
 
 def fields(keep: tuple[str, ...], *sources: Any) -> dict[str, Array]:
     """The fields named in `keep`, each from the first source that has it."""
-    found = {name: next((s for s in sources if hasattr(type(s), name)), None) for name in keep}
+    found = {name: next((s for s in sources if name in dir(s)), None) for name in keep}
     return {name: getattr(source, name) for name, source in found.items() if source is not None}

@@ -14,41 +14,18 @@ Those with `sr` before the name carry a square root of the covariance in place o
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from sigmapoint import checks
-from sigmapoint.belief import Belief, Dense, SquareRoot
-from sigmapoint.carry import Carry, Redraw
+from sigmapoint.belief import Dense, SquareRoot
 from sigmapoint.rules.central import CentralDifference
 from sigmapoint.rules.cubature import Cubature
 from sigmapoint.rules.hermite import GaussHermite
-from sigmapoint.rules.linearization import Rule
 from sigmapoint.rules.simplex import Simplex
 from sigmapoint.rules.taylor import Taylor
 from sigmapoint.rules.unscented import Julier, Unscented
-
-
-@dataclass(frozen=True)
-class Method:
-    """A Gaussian filter: `rule` × `belief`, how points are carried from f to h, and how often an update is iterated.
-
-    Args:
-        rule: how functions are linearised.
-        belief: what is carried from step to step, a covariance or a square root of it.
-        carry: what h gets to see, new points or those of f.
-        iterations: number of passes of an update; 1 is the plain filter.
-
-    Examples:
-        >>> import sigmapoint as sp
-        >>> sp.srcdkf().belief.__name__
-        'SquareRoot'
-    """
-
-    rule: Rule
-    belief: type[Belief]
-    carry: Carry = Redraw()  # noqa: RUF009 (frozen, without fields)
-    iterations: int = 1
+from sigmapoint.step import Method
 
 
 def _numbers(**settings: Any) -> dict[str, float]:

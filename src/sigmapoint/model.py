@@ -12,7 +12,7 @@ import equinox as eqx
 
 from sigmapoint import checks
 from sigmapoint.jacobians import with_jacobian
-from sigmapoint.noise import Additive, Gaussian, NonAdditive, noise_of
+from sigmapoint.noise import Additive, Gaussian, NonAdditive, initial_of, noise_of
 from sigmapoint.spaces import Euclidean, Space
 
 
@@ -23,10 +23,11 @@ class StateSpaceModel(eqx.Module):
         dynamics: `f(x, u) -> x_next` with `x` (n,); `f(x, u, w)` where `process_noise` is `NonAdditive`. Any function
             that JAX can trace, an Equinox module, or `blackbox(...)`.
         observation: `h(x, u) -> y` with `y` (m,); `h(x, u, v)` where `observation_noise` is `NonAdditive`.
-        process_noise: covariance (n, n), or (T, n, n) with row k for the step from k to k+1; `NonAdditive(cov)`; or a
-            `Gaussian` (additive, with a mean).
+        process_noise: covariance (n, n), or (T, n, n) with row k for the step from k to k+1; `NonAdditive(cov)`; a
+            `Gaussian` (additive, with a mean); or a distribution, any object with numpyro's `sample`, `log_prob`,
+            `mean` and `variance`: Gaussian filters take its mean and covariance, particle filters all of it.
         observation_noise: likewise, (m, m) or (T, m, m).
-        initial: belief about x[0], before y[0] is seen.
+        initial: belief about x[0], before y[0] is seen: a `Gaussian` or a distribution.
         state_space: where states live: `angles(...)` or a `Manifold`; ordinary vectors where not given.
         observation_space: likewise for measurements.
         dynamics_jacobian: `(x, u) -> (n, n)`, used in place of automatic derivatives by first-order methods.
@@ -68,7 +69,7 @@ class StateSpaceModel(eqx.Module):
         observation: Callable[..., Any],
         process_noise: Any,
         observation_noise: Any,
-        initial: Gaussian,
+        initial: Any,
         *,
         state_space: Space | None = None,
         observation_space: Space | None = None,
@@ -80,8 +81,7 @@ class StateSpaceModel(eqx.Module):
         observation_units: tuple[str, ...] | None = None,
     ):
         checks.callables(dynamics=dynamics, observation=observation)
-        if not isinstance(initial, Gaussian):
-            raise ValueError(f"initial must be sp.Gaussian(mean, cov), got {type(initial).__name__}")
+        initial = initial_of(initial)
         self.process_noise = noise_of("process_noise", process_noise)
         self.observation_noise = noise_of("observation_noise", observation_noise)
         self.initial = initial

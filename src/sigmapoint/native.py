@@ -20,9 +20,9 @@ import numpy as np
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend import core
 from jax.interpreters import ad, batching, mlir
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from sigmapoint.runtime import NATIVE
+from sigmapoint.runtime import NATIVE, SMALL
 
 LARGEST = 16
 """The largest dimension of a small array."""
@@ -60,6 +60,28 @@ def gram(A: Float[Array, "k n"]) -> Float[Array, "n n"]:
 def applied(A: Float[Array, "n k"], x: Float[Array, " k"]) -> Float[Array, " n"]:
     """`A @ x`."""
     return product(A, x[:, None])[:, 0]
+
+
+def running_sum(x: Float[Array, " N"]) -> Float[Array, " N"]:
+    """`jnp.cumsum(x)`; XLA's own is made for a parallel machine."""
+    return _running(jnp.add, x) if _one_loop(x) else jnp.cumsum(x)
+
+
+def running_max(x: Int[Array, " N"]) -> Int[Array, " N"]:
+    """`jax.lax.cummax(x)`."""
+    return _running(jnp.maximum, x) if _one_loop(x) else jax.lax.cummax(x)
+
+
+def _one_loop(x: Array) -> bool:
+    return NATIVE and x.size * x.dtype.itemsize <= SMALL // 4
+
+
+def _running(combine: Callable[[Array, Array], Array], x: Array) -> Array:
+    def step(total: Array, value: Array) -> tuple[Array, Array]:
+        total = combine(total, value)
+        return total, total
+
+    return jax.lax.scan(step, jnp.zeros((), x.dtype), x)[1]
 
 
 def looped(step: Callable[..., tuple[Any, Any]], state: Any, once: Array | None, *given: Any) -> tuple[Any, Any]:

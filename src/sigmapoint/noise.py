@@ -1,21 +1,14 @@
-"""Noise: a Gaussian, how it enters a function, and how it varies with time.
+"""Noise as users give it: a Gaussian, a covariance that may change with time, or a distribution."""
 
-Additive noise can stay outside the sigma points (`rest`); noise inside a function always needs coordinates `ξ` of its
-own. That is decided here, once, by the two kinds; no filter asks which it is.
-"""
-
-from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
-from sigmapoint.belief import Spread
-from sigmapoint.native import applied
-from sigmapoint.spaces import Space
+from sigmapoint.densities import Distribution, moments, size_of
+from sigmapoint.entering import AdditiveNoise, StackedNoise
 
 
 class Gaussian(eqx.Module):
@@ -36,8 +29,11 @@ class Gaussian(eqx.Module):
 
     mean: Float[Array, "*T n"]
     cov: Float[Array, "*T c c"]
+    distribution: Any
+    """what these are the moments of, where that is another; given to a model, not here"""
 
-    def __init__(self, mean: Any, cov: Any):
+    def __init__(self, mean: Any, cov: Any, distribution: Any = None):
+        self.distribution = distribution
         self.mean = checks.array("mean", mean)
         self.cov = checks.array("cov", cov)
         checks.covariance("cov", self.cov)
@@ -46,63 +42,15 @@ class Gaussian(eqx.Module):
         checks.finite("mean", self.mean)
 
 
-class Entry(NamedTuple):
-    """How a noise enters a function: through `size` coordinates ξ of the points, the `rest` added afterwards."""
-
-    size: int
-    call: Callable[[Array, Any, Array], Array]
-    rest: Spread | None
-
-
-@runtime_checkable
-class Noise(Protocol):
-    """A noise at one instant, as the filters see it."""
-
-    def within(self, f: Callable[..., Any], space: Space) -> Entry:
-        """`f` with as little noise in the points as possible."""
-        ...
-
-    def through(self, f: Callable[..., Any], space: Space) -> Entry:
-        """`f` with all of the noise in the points."""
-        ...
-
-
-class AdditiveNoise(NamedTuple):
-    """`f(x, u) + w`, `w ~ N(mean, spread)`."""
-
-    mean: Float[Array, " q"]
-    spread: Spread
-
-    def within(self, f: Callable[..., Any], space: Space) -> Entry:
-        return Entry(0, lambda x, u, xi: space.retract(f(x, u), self.mean), self.spread)
-
-    def through(self, f: Callable[..., Any], space: Space) -> Entry:
-        def call(x: Array, u: Any, xi: Array) -> Array:
-            return space.retract(f(x, u), self.mean + applied(self.spread.factor, xi))
-
-        return Entry(self.mean.shape[0], call, None)
-
-
-class StackedNoise(NamedTuple):
-    """`f(x, u, w)`, `w ~ N(mean, spread)`."""
-
-    mean: Float[Array, " q"]
-    spread: Spread
-
-    def within(self, f: Callable[..., Any], space: Space) -> Entry:
-        return self.through(f, space)
-
-    def through(self, f: Callable[..., Any], space: Space) -> Entry:
-        return Entry(self.mean.shape[0], lambda x, u, xi: f(x, u, self.mean + applied(self.spread.factor, xi)), None)
-
-
 class Additive(eqx.Module):
     """Noise added to a function's value: `f(x, u) + w`. A covariance given in its place means this.
 
     Args:
         cov: covariance (q, q), or (T, q, q) with one for each instant, in squared units of the value; a `Gaussian`
-            gives its mean along with it.
-        mean: (q,) or (T, q), in units of the value; zero where not given.
+            gives its mean along with it, a distribution both.
+        mean: (q,) or (T, q), in units of the value; zero where not given, or the distribution's.
+        distribution: what the noise is drawn from, with numpyro's `sample`, `log_prob`, `mean` and `variance`: particle
+            filters and `simulate` take its density, Gaussian filters `cov` and `mean`. A Gaussian where not given.
         lasting: the last of the T holds from there on; a longer series is refused otherwise.
 
     Raises:
@@ -117,13 +65,25 @@ class Additive(eqx.Module):
 
     mean: Float[Array, "*T q"]
     cov: Float[Array, "*T q q"]
+    distribution: Any
     lasting: bool = eqx.field(static=True)
 
-    def __init__(self, cov: Any, mean: Any = None, *, lasting: bool = False):
-        self.cov, self.mean = _noise_arrays(cov, mean)
+    def __init__(self, cov: Any, mean: Any = None, distribution: Any = None, *, lasting: bool = False):
+        self.cov, self.mean, self.distribution = _parts(cov, mean, distribution)
         self.lasting = lasting
 
     kind = AdditiveNoise
+
+    def added(self, name: str, by: str, instead: str) -> None:
+        """It is; see `NonAdditive`."""
+
+    def dense(self, name: str, by: str, instead: str) -> None:
+        """Raise where a Gaussian has no density, as its covariance is singular."""
+        if self.distribution is None and checks.known(self.cov) and checks.singular(self.cov):
+            raise ValueError(
+                f"{name} has a singular covariance, and so no density, which {by} needs: {instead}, or give every "
+                "element a variance of its own"
+            )
 
     def fits(self, name: str, size: int, what: str) -> None:
         """Raise where the covariance has not the size of what it is added to."""
@@ -138,8 +98,10 @@ class NonAdditive(eqx.Module):
     """Noise as a third argument, `f(x, u, w)`: covariance (q, q), or (T, q, q) with one for each instant, and a mean.
 
     Args:
-        cov: covariance of the noise; its size q is that of the argument `w`. A `Gaussian` gives its mean along with it.
-        mean: its mean (q,) or (T, q); zero where not given.
+        cov: covariance of the noise; its size q is that of the argument `w`. A `Gaussian` gives its mean along with it,
+            a distribution both.
+        mean: its mean (q,) or (T, q); zero where not given, or the distribution's.
+        distribution: as for `Additive`.
         lasting: the last of the T holds from there on; a longer series is refused otherwise.
 
     Raises:
@@ -155,56 +117,83 @@ class NonAdditive(eqx.Module):
 
     mean: Float[Array, "*T q"]
     cov: Float[Array, "*T q q"]
+    distribution: Any
     lasting: bool = eqx.field(static=True)
 
-    def __init__(self, cov: Any, mean: Any = None, *, lasting: bool = False):
-        self.cov, self.mean = _noise_arrays(cov, mean)
+    def __init__(self, cov: Any, mean: Any = None, distribution: Any = None, *, lasting: bool = False):
+        self.cov, self.mean, self.distribution = _parts(cov, mean, distribution)
         self.lasting = lasting
 
     kind = StackedNoise
+
+    def added(self, name: str, by: str, instead: str) -> None:
+        """Raise: it is inside a function."""
+        raise ValueError(f"{name} must be additive for {by}, got sp.NonAdditive: {instead}")
+
+    def dense(self, name: str, by: str, instead: str) -> None:
+        """Raise: what a function makes of a noise has no density that is known."""
+        raise ValueError(
+            f"{name} must be additive for {by}, which needs its density, got sp.NonAdditive: {instead}, or give the "
+            "covariance or the distribution of what it adds"
+        )
 
     def fits(self, name: str, size: int, what: str) -> None:
         """Any size fits: the model's function says how the noise enters."""
 
 
 def noise_of(name: str, noise: Any) -> Additive | NonAdditive:
-    """As given by a user: a covariance or a `Gaussian` is additive noise.
+    """As given by a user: a covariance, a `Gaussian` or a distribution is additive noise.
 
     Raises:
         ValueError: as these, with the name of the argument.
     """
     if isinstance(noise, Additive | NonAdditive):
         return noise
-    if isinstance(noise, Gaussian):
+    if isinstance(noise, Gaussian | Distribution):
         return Additive(noise)
     cov = checks.array(name, noise)
     checks.covariance(name, cov, series=True)
     return Additive(cov)
 
 
-class NoiseSeries(NamedTuple):
-    """A noise made ready for a run: factored once, looked up by instant."""
+def initial_of(given: Any) -> Gaussian:
+    """As given by a user: a `Gaussian`, or a distribution, which has its moments.
 
-    kind: type
-    mean: Float[Array, "*T q"]
-    spread: Spread
+    Raises:
+        ValueError: neither, or a distribution whose variance is infinite.
+    """
+    if isinstance(given, Gaussian):
+        return given
+    if not isinstance(given, Distribution):
+        raise ValueError(f"initial must be sp.Gaussian(mean, cov) or a distribution, got {type(given).__name__}")
+    mean, cov = moments(given)
+    checks.finite("initial: the mean of this distribution", mean)
+    checks.finite("initial: the variance of this distribution", cov)
+    return Gaussian(mean, cov, given)
 
-    @classmethod
-    def of(cls, noise: Additive | NonAdditive, dtype: Any) -> "NoiseSeries":
-        cov = noise.cov.astype(dtype)
-        spread = jax.vmap(Spread.of)(cov) if cov.ndim == 3 else Spread.of(cov)
-        return cls(noise.kind, noise.mean.astype(dtype), spread)
 
-    def at(self, k: Array) -> Noise:
-        """The noise at instant `k`; past the end of a time-varying one, its last."""
-        mean = self.mean[k] if self.mean.ndim == 2 else self.mean
-        spread = jax.tree.map(lambda a: a[k], self.spread) if self.spread.cov.ndim == 3 else self.spread
-        return self.kind(mean, spread)
+def _parts(cov: Any, mean: Any, distribution: Any) -> tuple[Array, Array, Any]:
+    """Covariance, mean and distribution, each from where it was given."""
+    if isinstance(cov, Gaussian):
+        cov, mean = cov.cov, cov.mean
+    elif isinstance(cov, Distribution):
+        if distribution is not None:
+            raise ValueError("cov must be a covariance where distribution is given beside it, got a distribution")
+        cov, distribution = None, cov
+    if distribution is None:
+        return *_noise_arrays(cov, mean), None
+    checks.instance("distribution", distribution, Distribution, "an object with sample and log_prob, as of numpyro")
+    of_it = moments(distribution)
+    mean = of_it.mean if mean is None else mean
+    if cov is None:  # may be infinite: Gaussian methods say so
+        return of_it.cov, checks.array("mean", mean), distribution
+    cov, size = checks.array("cov", cov), size_of(distribution)
+    if cov.shape != (size, size):
+        raise ValueError(f"cov must be ({size}, {size}) beside a distribution of {size} element(s), got {cov.shape}")
+    return *_noise_arrays(cov, jnp.where(jnp.isfinite(mean), mean, 0.0)), distribution
 
 
 def _noise_arrays(cov: Any, mean: Any) -> tuple[Array, Array]:
-    if isinstance(cov, Gaussian):
-        cov, mean = cov.cov, cov.mean
     cov = checks.array("cov", cov)
     checks.covariance("cov", cov, series=True)
     mean = jnp.zeros(cov.shape[-1:], cov.dtype) if mean is None else checks.array("mean", mean)

@@ -11,10 +11,9 @@ from jaxtyping import Array
 from sigmapoint import checks, data_checks
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import fitting
-from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.native import looped
-from sigmapoint.step import Filter, FilterState, Info
+from sigmapoint.recipe import Recipe, Run
 
 
 class OnlineFilter:
@@ -30,20 +29,28 @@ class OnlineFilter:
         (0.5, 1.0)
     """
 
-    def __init__(self, model: StateSpaceModel, method: Method):
+    def __init__(self, model: StateSpaceModel, method: Recipe):
         leaves, structure = jax.tree.flatten(model)
         self._arrays = [leaf for leaf in leaves if _is_array(leaf)]
         rest = tuple(None if _is_array(leaf) else leaf for leaf in leaves)
         self._dtype = np.dtype(model.initial.mean.dtype)
-        self._known = all(map(checks.known, leaves))
+        self._concrete = all(map(checks.known, leaves))
         self._one = jnp.ones((), int)
         self._calls = _calls(structure, rest, method)
+        self._method = method
 
-    def init(self) -> FilterState:
+    def init(self, key: Array | int | None = None) -> Any:
         """The initial state, at instant 0.
+
+        Args:
+            key: `jax.random.key(seed)`, or the seed, for a method that draws: its states carry it on. Of no account to
+                the others.
 
         Returns:
             The belief `model.initial`, as the method holds it.
+
+        Raises:
+            ValueError: a method that draws without a key.
 
         Examples:
             >>> import jax.numpy as jnp, sigmapoint as sp
@@ -52,9 +59,9 @@ class OnlineFilter:
             >>> int(sp.online(model).init().step)
             0
         """
-        return self._calls.init(self._arrays)
+        return self._calls.init(self._arrays, self._method.random(key))
 
-    def update(self, state: FilterState, y: Any, u: Any = None) -> tuple[FilterState, Info]:
+    def update(self, state: Any, y: Any, u: Any = None) -> tuple[Any, Any]:
         """Take in a measurement.
 
         Args:
@@ -78,10 +85,10 @@ class OnlineFilter:
             >>> float(state.mean[0]), float(info.innovation_cov[0, 0])
             (1.0, 2.0)
         """
-        given = (_state(state), self._measurement(y), self._inputs(u))
+        given = (self._known(state), self._measurement(y), self._inputs(u))
         return unwrapped(self._calls.update, self._arrays, *given, self._once(*given))
 
-    def predict(self, state: FilterState, u: Any = None) -> FilterState:
+    def predict(self, state: Any, u: Any = None) -> Any:
         """Go on to the next instant.
 
         Args:
@@ -103,10 +110,10 @@ class OnlineFilter:
             >>> float(state.mean[0]), int(state.step)
             (2.0, 1)
         """
-        given = (_state(state), self._inputs(u))
+        given = (self._known(state), self._inputs(u))
         return unwrapped(self._calls.predict, self._arrays, *given, self._once(*given))
 
-    def step(self, state: FilterState, y: Any, u: Any = None) -> tuple[FilterState, Info, FilterState]:
+    def step(self, state: Any, y: Any, u: Any = None) -> tuple[Any, Any, Any]:
         """Take in a measurement and go on to the next instant: `update`, then `predict`, in one call.
 
         A call costs more than the arithmetic of a small model, so one is faster than two.
@@ -133,15 +140,16 @@ class OnlineFilter:
             >>> int(state.step), int(ahead.step), bool(ahead.mean[0] == 2 * state.mean[0])
             (1, 2, True)
         """
-        given = (_state(state), self._measurement(y), self._inputs(u))
+        given = (self._known(state), self._measurement(y), self._inputs(u))
         return unwrapped(self._calls.step, self._arrays, *given, self._once(*given))
 
-    def prepare(self, y: Any, u: Any = None) -> FilterState:
+    def prepare(self, y: Any, u: Any = None, *, key: Array | int | None = None) -> Any:
         """Compile `update`, `predict` and `step` ahead of the first sample.
 
         Args:
             y: a measurement (m,) of the shape and type of those to come; its values are of no account.
             u: an input of the shape and type of those to come, or nothing.
+            key: as for `init`.
 
         Returns:
             The initial state, as `init`.
@@ -156,9 +164,14 @@ class OnlineFilter:
             >>> int(sp.online(model).prepare(np.zeros(1)).step)
             0
         """
-        state = self.init()
+        state = self.init(key)
         self.predict(self.update(state, y, u)[0], u)
         self.step(state, y, u)
+        return state
+
+    def _known(self, state: Any) -> Any:
+        if not isinstance(state, self._method.state):
+            raise ValueError(f"state must come from init(), update() or predict(), got {type(state).__name__}")
         return state
 
     def _measurement(self, y: Any) -> Any:
@@ -174,21 +187,15 @@ class OnlineFilter:
 
     def _once(self, *given: Any) -> Array | None:
         # A loop has no derivative backward, and under a transformation of the user's own there is no hurry.
-        known = self._known and all(map(checks.known, jax.tree.leaves(given)))
+        known = self._concrete and all(map(checks.known, jax.tree.leaves(given)))
         return self._one if known else None
-
-
-def _state(given: Any) -> FilterState:
-    if not isinstance(given, FilterState):
-        raise ValueError(f"state must come from init(), update() or predict(), got {type(given).__name__}")
-    return given
 
 
 def _is_array(leaf: Any) -> bool:
     return isinstance(leaf, jax.Array | np.ndarray)
 
 
-def online(model: StateSpaceModel, method: Method | None = None) -> OnlineFilter:
+def online(model: StateSpaceModel, method: Recipe | None = None) -> OnlineFilter:
     """A filter for live data: `init`, then `update` and `predict` in any order and number, or `step` for both.
 
     Args:
@@ -225,22 +232,22 @@ class Calls(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def _calls(structure: Any, rest: tuple[Any, ...], method: Method) -> Calls:
+def _calls(structure: Any, rest: tuple[Any, ...], method: Recipe) -> Calls:
     """For models that differ in arrays only; `rest` is their leaves, with nothing in place of the arrays."""
 
-    def run(arrays: list[Array]) -> Filter:
+    def run(arrays: list[Array], key: Any = None) -> Run:
         left = iter(arrays)
         leaves = [next(left) if leaf is None else leaf for leaf in rest]
-        return Filter.of(jax.tree.unflatten(structure, leaves), method)
+        return method.ready(jax.tree.unflatten(structure, leaves), key)
 
-    def update(arrays: list[Array], state: FilterState, y: Any, u: Any, once: Any) -> tuple[FilterState, Info]:
+    def update(arrays: list[Array], state: Any, y: Any, u: Any, once: Any) -> tuple[Any, Any]:
         return looped(lambda state, arrays, y, u: run(arrays).update(state, y, u), state, once, arrays, y, u)
 
-    def predict(arrays: list[Array], state: FilterState, u: Any, once: Any) -> FilterState:
+    def predict(arrays: list[Array], state: Any, u: Any, once: Any) -> Any:
         return looped(lambda state, arrays, u: (run(arrays).predict(state, u), None), state, once, arrays, u)[0]
 
-    def step(arrays: list[Array], state: FilterState, y: Any, u: Any, once: Any) -> Any:
+    def step(arrays: list[Array], state: Any, y: Any, u: Any, once: Any) -> Any:
         after, info = update(arrays, state, y, u, once)
         return after, info, predict(arrays, after, u, once)
 
-    return Calls(jax.jit(lambda arrays: run(arrays).init()), jax.jit(update), jax.jit(predict), jax.jit(step))
+    return Calls(jax.jit(lambda arrays, key: run(arrays, key).init()), jax.jit(update), jax.jit(predict), jax.jit(step))

@@ -1,6 +1,6 @@
 """The result of a filter or smoother."""
 
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -83,6 +83,11 @@ class Posterior(eqx.Module):
         y, u: what went in.
     """
 
+    FIELDS: ClassVar[tuple[str, ...]] = FIELDS
+    """what can be kept"""
+    ALWAYS: ClassVar[tuple[str, ...]] = ()
+    """what is kept beside the log-likelihood in any case"""
+
     mean: Float[Array, "*B T d"] | None
     cov: Float[Array, "*B T n n"] | None
     std: Float[Array, "*B T n"] | None
@@ -95,10 +100,10 @@ class Posterior(eqx.Module):
     labels: Labels
 
     @classmethod
-    def of(cls, model: Any, y: Array, u: Any, kept: dict[str, Array]) -> "Posterior":
+    def of(cls, model: Any, y: Array, u: Any, kept: dict[str, Array]) -> Any:
         """From what a run kept."""
         labels = Labels.of(model, y.shape[-1])
-        fields = {name: kept.get(name) for name in FIELDS}
+        fields = {name: kept.get(name) for name in (*cls.FIELDS, *cls.ALWAYS)}
         return cls(**fields, log_likelihood=kept["log_likelihood"], y=y, u=u, labels=labels)
 
     def to_xarray(self, time: Any = None) -> Any:

@@ -9,9 +9,8 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks, data_checks
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.methods import ekf
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.step import Filter
+from sigmapoint.system import System, initial
 
 
 def simulate(
@@ -20,7 +19,7 @@ def simulate(
     """Draw states and measurements from a model.
 
     Args:
-        model: the model; its noises are drawn as Gaussians.
+        model: the model; its noises are drawn as the Gaussians or distributions that they are.
         T: number of samples.
         key: `jax.random.key(seed)`, or the seed.
         u: inputs with leading axis T, or nothing.
@@ -48,20 +47,17 @@ def simulate(
 
 @eqx.filter_jit
 def _simulate(model: StateSpaceModel, T: int, key: Array, u: Any) -> tuple[Array, Array]:
-    run = Filter.of(model, ekf())
-    dtype = model.initial.mean.dtype
+    system, mean = System.of(model), model.initial.mean
     start, walk = jax.random.split(key)
-    belief = run.init().belief
-    x0 = model.state_space.retract(belief.mean, belief.factor @ jax.random.normal(start, belief.cov.shape[:1], dtype))
+    x0 = model.state_space.retract(mean, initial(model).draws(start, 1)[0])
 
     def step(x: Array, row: tuple[Array, Array, Any]) -> tuple[Array, tuple[Array, Array]]:
         k, noise, u_k = row
-        fs = run.functions(k)
-        motion = fs.process.through(fs.f, fs.state_space)
-        sensor = fs.observation.through(fs.h, fs.observation_space)
+        fs = system.functions(k)
         for_w, for_v = jax.random.split(noise)
-        y = sensor.call(x, u_k, jax.random.normal(for_v, (sensor.size,), dtype))
-        return motion.call(x, u_k, jax.random.normal(for_w, (motion.size,), dtype)), (x, y)
+        w, v = (source.density(k).draws(key, 1)[0] for source, key in zip(system[1:], (for_w, for_v)))
+        y, _ = fs.observation.drawn(fs.h, fs.observation_space)(x, u_k, v)
+        return fs.process.drawn(fs.f, fs.state_space)(x, u_k, w)[0], (x, y)
 
     _, series = jax.lax.scan(step, x0, (jnp.arange(T), jax.random.split(walk, T), u))
     return series

@@ -1,26 +1,27 @@
-"""One step of a filter: what it knows, and how a measurement and the passing of time change that.
+"""One step of a Gaussian filter: what it knows, and how a measurement and the passing of time change that.
 
 `filtering` takes it over a series, `online` hands it out. Every method differs in the parts it is made of (rule,
 belief, carry), not here.
 """
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
-from sigmapoint import function_checks
+from sigmapoint import checks
 from sigmapoint.belief import Belief, covariance
-from sigmapoint.carry import Functions, Points
+from sigmapoint.carry import Carry, Functions, Points, Redraw
 from sigmapoint.conditioning import Conditioned, condition
-from sigmapoint.folding import folded
+from sigmapoint.densities import LOG_2PI
+from sigmapoint.entering import NoiseSeries
 from sigmapoint.iterate import relinearized
-from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.noise import NoiseSeries
-
-LOG_2PI = 1.8378770664093453
+from sigmapoint.results import Posterior
+from sigmapoint.rules.linearization import Rule, SigmaPointRule
+from sigmapoint.system import System, measured
 
 
 class FilterState(NamedTuple):
@@ -86,6 +87,47 @@ class Info(NamedTuple):
         return cls(jnp.where(active, innovation, jnp.nan), cov, nis, log_density)
 
 
+@dataclass(frozen=True)
+class Method:
+    """A Gaussian filter: `rule` × `belief`, how points are carried from f to h, and how often an update is iterated.
+
+    Args:
+        rule: how functions are linearised.
+        belief: what is carried from step to step, a covariance or a square root of it.
+        carry: what h gets to see, new points or those of f.
+        iterations: number of passes of an update; 1 is the plain filter.
+
+    Examples:
+        >>> import sigmapoint as sp
+        >>> sp.srcdkf().belief.__name__
+        'SquareRoot'
+    """
+
+    rule: Rule
+    belief: type[Belief]
+    carry: Carry = Redraw()  # noqa: RUF009 (frozen, without fields)
+    iterations: int = 1
+
+    posterior: ClassVar[type[Posterior]] = Posterior
+    state: ClassVar[type] = FilterState
+
+    def fits(self, model: StateSpaceModel) -> None:
+        """Raise where the model has what no Gaussian stands for, or no room for the points."""
+        for name in ("process_noise", "observation_noise"):
+            checks.gaussian(name, getattr(model, name))
+        if isinstance(self.rule, SigmaPointRule):
+            constants = self.rule.constants(model.initial.cov.shape[-1])
+            checks.digits(abs(constants.centre), model.initial.mean.dtype)
+            checks.room(model.initial, constants.reach, model.state_space, model.state_names)
+
+    def random(self, key: Any) -> None:
+        """Nothing is drawn: a key that others need is of no account here."""
+
+    def ready(self, model: StateSpaceModel, key: Any = None) -> "Filter":
+        """The model made ready."""
+        return Filter.of(model, self)
+
+
 class Filter(NamedTuple):
     """A model made ready for a method: noises factored, functions checked as they are traced."""
 
@@ -96,35 +138,18 @@ class Filter(NamedTuple):
 
     @classmethod
     def of(cls, model: StateSpaceModel, method: Method) -> "Filter":
-        dtype = model.initial.mean.dtype
-        noises = (NoiseSeries.of(n, dtype) for n in (model.process_noise, model.observation_noise))
-        return cls(model, method, *noises)
+        _, process, observation = System.of(model)
+        return cls(model, method, process, observation)
 
     def functions(self, k: Array, observed: tuple[int, ...] | None = None) -> Functions:
         """The model at instant `k`; `observed` is the shape that h has to return."""
-        model, dtype = self.model, self.model.initial.mean.dtype
-
-        def f(*args: Any) -> Array:
-            value = function_checks.called("dynamics", model.dynamics, *args)
-            return function_checks.returned("dynamics", value, model.initial.mean.shape, "the next state").astype(dtype)
-
-        def h(*args: Any) -> Array:
-            value = function_checks.called("observation", model.observation, *args)
-            if observed is not None:
-                function_checks.columns(observed[0], value)
-                value = function_checks.returned("observation", value, observed, "one element for each column of y")
-                size = jax.eval_shape(model.observation_space.residual, value, value).shape[0]
-                model.observation_noise.fits("observation_noise", size, "row of y")
-            return jnp.asarray(value).astype(dtype)
-
-        noises = self.process.at(k), self.observation.at(k)
-        return Functions(folded(f), folded(h), *noises, model.state_space, model.observation_space)
+        return System(self.model, self.process, self.observation).functions(k, observed)
 
     def init(self) -> FilterState:
         """The initial belief, at instant 0."""
         initial = self.model.initial
         belief = self.method.belief.of(initial.mean, initial.cov.astype(initial.mean.dtype))
-        return self._state(belief, jnp.zeros((), int))
+        return self.about(belief, jnp.zeros((), int))
 
     def predict(self, state: FilterState, u: Any) -> FilterState:
         """The belief about the next instant."""
@@ -144,14 +169,9 @@ class Filter(NamedTuple):
             joint, innovation = relinearized(self.method.rule, passes, joint, belief, fs, y, u, active)
             given = condition(joint, innovation[:, None], active, self.method.belief)
         mean = fs.state_space.retract(joint.state.mean, given.step[:, 0])
-        return self._state(type(belief).from_root(mean, given.root), state.step), info
+        return self.about(type(belief).from_root(mean, given.root), state.step), info
 
-    def _state(self, belief: Belief, step: Array) -> FilterState:
+    def about(self, belief: Belief, step: Array) -> FilterState:
+        """A state with that belief."""
         points = self.method.carry.draw(self.method.rule, belief, self.functions(step))
         return FilterState(belief, points, step)
-
-
-def measured(y: Array, size: int) -> Bool[Array, " m"]:
-    """Which elements of an innovation of that size were measured; on a manifold, all or none."""
-    missing = jnp.isnan(y)
-    return ~missing if y.shape[0] == size else jnp.broadcast_to(~missing.any(), (size,))

@@ -44,7 +44,7 @@ def save(path: str | os.PathLike[str], tree: Any) -> None:
     """
     _check_path("save", path, "tree")
     leaves = jax.tree_util.tree_leaves_with_path(tree)
-    arrays = {f"leaf{i}": np.asarray(jax.device_get(leaf)) for i, (_, leaf) in enumerate(leaves)}
+    arrays = {f"leaf{i}": np.asarray(jax.device_get(_data(leaf))) for i, (_, leaf) in enumerate(leaves)}
     for (where, leaf), array in zip(leaves, arrays.values()):
         if array.dtype == object:
             name, kind = jax.tree_util.keystr(where), type(leaf).__name__
@@ -103,12 +103,27 @@ def load(path: str | os.PathLike[str], like: Tree) -> Tree:
         )
     restored = []
     for i, (where, leaf) in enumerate(leaves):
-        array, shape, dtype = stored[f"leaf{i}"], np.shape(leaf), jnp.result_type(leaf)
+        array, plain = stored[f"leaf{i}"], jax.eval_shape(_data, leaf)
+        shape, dtype = plain.shape, plain.dtype
         if array.shape != shape or array.dtype != dtype:
             name = jax.tree_util.keystr(where)
             raise ValueError(f"load: {name} is {array.dtype}{array.shape} in the file but {dtype}{shape} in `like`")
-        restored.append(jnp.asarray(array))
+        restored.append(_like(leaf, jnp.asarray(array)))
     return jax.tree_util.tree_unflatten(structure, restored)
+
+
+def _is_key(leaf: Any) -> bool:
+    return jnp.issubdtype(getattr(leaf, "dtype", float), jax.dtypes.prng_key)
+
+
+def _data(leaf: Any) -> Any:
+    """A random key as the numbers it is made of; anything else as it is."""
+    return jax.random.key_data(leaf) if _is_key(leaf) else leaf
+
+
+def _like(leaf: Any, array: Any) -> Any:
+    """A random key again, where `leaf` is one."""
+    return jax.random.wrap_key_data(array, impl=jax.random.key_impl(leaf)) if _is_key(leaf) else array
 
 
 def _check_path(what: str, path: Any, other: str) -> None:
@@ -125,7 +140,7 @@ def _instead(tree: Any) -> str:
 
 def _is_numbers(tree: Any) -> bool:
     leaves = jax.tree.leaves(tree)
-    return bool(leaves) and all(np.asarray(jax.device_get(leaf)).dtype != object for leaf in leaves)
+    return bool(leaves) and all(np.asarray(jax.device_get(_data(leaf))).dtype != object for leaf in leaves)
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], Any]) -> None:

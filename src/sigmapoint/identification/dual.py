@@ -77,7 +77,7 @@ def dual(
     if checks.known(prior.cov) and np.count_nonzero(prior.cov - np.diag(np.diagonal(prior.cov))):
         raise ValueError("dual: theta must have a diagonal covariance, of independent parameters; sp.joint takes any")
     model = built(build, unknowns.tree(prior.mean))
-    state_method = filtering.fitting(model, state_method)
+    state_method = filtering.gaussian(model, state_method)
     if not isinstance(state_method.carry, Redraw):
         raise ValueError("dual: the state_method must not be augmented or extended: its points are not remembered")
     cost = prediction_error() if cost is None else cost

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from sigmapoint import checks
 from sigmapoint.blackbox import NoDerivative, unwrapped
 from sigmapoint.contents import Card, Contents, Curve, Panel, Section
-from sigmapoint.filtering import fitting
+from sigmapoint.filtering import gaussian
 from sigmapoint.identification.contents import noises, values
 from sigmapoint.identification.maximization import Constant, Found, Problem, maximized
 from sigmapoint.identification.structures import Structure, check_structure, full
@@ -213,6 +213,8 @@ def _problem(
             check_structure(name, structure, getattr(given, name).cov)
     for name, structure in (("process_noise", process), ("observation_noise", observation)):
         noise: Any = getattr(given, name)
+        if structure is not None and noise.distribution is not None:
+            raise ValueError(f"em: the {name} of the model is a distribution; only a covariance can be learned")
         if (structure is not None or z is not None) and not isinstance(noise, Additive):
             raise ValueError(f"em: the {name} of the model is not additive; sp.fit learns such models")
         if structure is not None and noise.cov.ndim == 3:
@@ -226,4 +228,4 @@ def _problem(
         None if initial is None else given.initial,
     )
     source: Any = Constant(given) if theta is None else model
-    return Problem(source, unknowns, fitting(given, method), process, observation, initial), found
+    return Problem(source, unknowns, gaussian(given, method), process, observation, initial), found

@@ -22,7 +22,8 @@ from sigmapoint.filtering import scan
 from sigmapoint.rules.linearization import Linearization
 from sigmapoint.smoothing.reversal import Reversal, back
 from sigmapoint.spaces import Euclidean
-from sigmapoint.step import Filter, measured
+from sigmapoint.step import Filter
+from sigmapoint.system import measured
 
 
 class Smoothed(NamedTuple):

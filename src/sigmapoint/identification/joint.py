@@ -118,6 +118,8 @@ def _part(
     space: Callable[[StateSpaceModel], Space],
 ) -> Part:
     noise: Any = getattr(model(z0), name)
+    if noise.distribution is not None:
+        raise ValueError(f"joint: {name} is a distribution, and only its mean and covariance would be kept: give these")
 
     def numbers(z: Array) -> tuple[Array, Array]:
         noise = getattr(model(z), name)

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Int
 
 from sigmapoint import checks
 from sigmapoint.batching import of_each
-from sigmapoint.filtering import fitting, scan
+from sigmapoint.filtering import gaussian, scan
 from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
@@ -173,7 +173,7 @@ def log_posterior(
     unknowns = Unknowns.of(theta)
     _regular(unknowns)
     model = built(build, unknowns.tree(unknowns.prior.mean))
-    method = fitting(model, method)
+    method = gaussian(model, method)
     y, u, lengths = stacked(model, y, u)
     differ = lengths.min() < lengths.max()
     one = jnp.ones((), unknowns.prior.mean.dtype)

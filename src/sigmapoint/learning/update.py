@@ -16,6 +16,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Float
 
 from sigmapoint.belief import Dense
+from sigmapoint.densities import LOG_2PI
 from sigmapoint.learning import measurement_noise, sharding
 from sigmapoint.learning.drift import Drift
 from sigmapoint.learning.measurement_noise import MeasurementNoise
@@ -28,7 +29,6 @@ from sigmapoint.linalg import norm_rows, solve_lower, solve_upper
 from sigmapoint.methods import Method
 from sigmapoint.rules.linearization import Linearization, SigmaPointRule
 from sigmapoint.spaces import Euclidean, Space, beside
-from sigmapoint.step import LOG_2PI
 
 
 class Setup(eqx.Module):

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 from sigmapoint import checks, data_checks
 from sigmapoint.belief import Belief
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.filtering import fitting
+from sigmapoint.filtering import gaussian
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.online import OnlineFilter
@@ -134,7 +134,7 @@ def online_smoother(model: StateSpaceModel, lag: int, method: Method | None = No
         >>> window.mean.shape, bool(window.std[0, 0] < 0.8)
         ((3, 1), True)
     """
-    return OnlineSmoother(model, fitting(model, method), checks.whole("lag", lag, 1))
+    return OnlineSmoother(model, gaussian(model, method), checks.whole("lag", lag, 1))
 
 
 @eqx.filter_jit

@@ -6,24 +6,42 @@ B Bᵀ the covariance of x[k] given x[k+1], P_s = G P_s⁺ Gᵀ + B Bᵀ.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from jaxtyping import Array
 
 from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import Estimator, estimate, fields, prepared, scan
-from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.recipe import Recipe
 from sigmapoint.results import FIELDS, Posterior
 from sigmapoint.smoothing.reversal import back
-from sigmapoint.step import Filter, FilterState, Info
+from sigmapoint.step import Filter, FilterState, Info, Method
 
-MAKERS = "sp.rts(), sp.two_filter(), sp.fixed_lag() or sp.ipls()"
+MAKERS = "sp.rts(), sp.two_filter(), sp.backward_simulation(), sp.fixed_lag() or sp.ipls()"
 
 
 class Smoother(Estimator):
     """An estimator that looks back."""
+
+    kind: ClassVar[Any] = Method
+    """methods that it can look back through"""
+    instead: ClassVar[str] = "sp.backward_simulation() or sp.fixed_lag(lag)"
+    """what to use for the others"""
+
+    def fits(self, model: StateSpaceModel) -> None:
+        """Raise where the model is none for this smoother."""
+
+
+def looking_back(smoother: Any, method: Recipe, model: StateSpaceModel) -> Smoother:
+    """The smoother, or its default, checked together with the method and the model."""
+    smoother = rts() if smoother is None else smoother
+    checks.instance("smoother", smoother, Smoother, MAKERS)
+    if not isinstance(method, smoother.kind):
+        raise ValueError(f"smoother must be {smoother.instead} for {method}, got {smoother}")
+    smoother.fits(model)
+    return smoother
 
 
 def forward(
@@ -73,8 +91,9 @@ def smooth(
     model: StateSpaceModel,
     y: Any,
     u: Any = None,
-    method: Method | None = None,
+    method: Recipe | None = None,
     *,
+    key: Array | int | None = None,
     smoother: Smoother | None = None,
     keep: tuple[str, ...] = FIELDS,
 ) -> Posterior:
@@ -85,7 +104,9 @@ def smooth(
         y: measurements (T, m); NaN where an element was not measured.
         u: inputs, any pytree of arrays with leading axis T, or nothing.
         method: as for `filter`.
-        smoother: how: `rts()`, which is the default, `two_filter()`, `fixed_lag(lag)` or `ipls()`.
+        key: as for `filter`.
+        smoother: how: `rts()`, which is the default, `two_filter()`, `fixed_lag(lag)` or `ipls()`; for a particle
+            filter `backward_simulation(draws)` or `fixed_lag(lag)`.
         keep: as for `filter`.
 
     Returns:
@@ -102,9 +123,8 @@ def smooth(
         >>> bool((sp.smooth(model, y).std <= sp.filter(model, y).std).all())
         True
     """
-    y, u, method = prepared(model, y, u, method)
-    smoother = rts() if smoother is None else smoother
-    checks.instance("smoother", smoother, Smoother, MAKERS)
-    keep = checks.selection("keep", keep, FIELDS)
-    kept = unwrapped(estimate, model, y, u, method, smoother, keep)
-    return Posterior.of(model, y, u, kept)
+    y, u, recipe = prepared(model, y, u, method)
+    smoother = looking_back(smoother, recipe, model)
+    keep = checks.selection("keep", keep, recipe.posterior.FIELDS)
+    kept = unwrapped(estimate, model, y, u, recipe, recipe.random(key), smoother, keep)
+    return recipe.posterior.of(model, y, u, kept)

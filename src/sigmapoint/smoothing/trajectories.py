@@ -1,8 +1,10 @@
 """Draws of whole trajectories from the smoothed posterior, back from the end (`reversal`).
 
-Source: Godsill, Doucet & West, "Monte Carlo smoothing for nonlinear time series" (2004), for Gaussian beliefs.
+Source: Godsill, Doucet & West, "Monte Carlo smoothing for nonlinear time series" (2004), here for Gaussian beliefs, and
+in `particles.smoothing` for particles.
 """
 
+from functools import singledispatch
 from typing import Any
 
 import equinox as eqx
@@ -14,15 +16,15 @@ from sigmapoint import checks
 from sigmapoint.belief import Belief
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import prepared, scan
-from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.native import applied
+from sigmapoint.recipe import Recipe
 from sigmapoint.smoothing.reversal import Reversal, back
-from sigmapoint.step import Filter, FilterState
+from sigmapoint.step import Filter, FilterState, Method
 
 
 def trajectories(
-    model: StateSpaceModel, y: Any, u: Any = None, method: Method | None = None, *, key: Array | int, draws: int
+    model: StateSpaceModel, y: Any, u: Any = None, method: Recipe | None = None, *, key: Array | int, draws: int
 ) -> Float[Array, "draws T d"]:
     """Draw trajectories of the states from what all measurements say of them together.
 
@@ -52,26 +54,31 @@ def trajectories(
         ((100, 20, 1), True)
     """
     y, u, method = prepared(model, y, u, method)
-    return unwrapped(_drawn, model, y, u, method, checks.key("key", key), checks.whole("draws", draws, 1))
+    return unwrapped(drawn, method, model, y, u, checks.key("key", key), checks.whole("draws", draws, 1))
 
 
+@singledispatch
+def drawn(method: Any, model: StateSpaceModel, y: Array, u: Any, key: Array, draws: int) -> Float[Array, "draws T d"]:
+    """What `trajectories` gives, by the kind of method."""
+    raise NotImplementedError(f"trajectories for {method}")
+
+
+@drawn.register(Method)
 @eqx.filter_jit
-def _drawn(
-    model: StateSpaceModel, y: Array, u: Any, method: Method, key: Array, draws: int
-) -> Float[Array, "draws T d"]:
+def _(method: Method, model: StateSpaceModel, y: Array, u: Any, key: Array, draws: int) -> Float[Array, "draws T d"]:
     run, space = Filter.of(model, method), model.state_space
     states = scan(run, y, u, lambda state, _: state)[0]
     for_last, for_others = jax.random.split(key)
 
-    def drawn(key: Array, size: int) -> Array:
+    def noise_of(key: Array, size: int) -> Array:
         return jax.random.normal(key, (draws, size), model.initial.mean.dtype)
 
     def start(last: Belief) -> Array:
-        noise = drawn(for_last, last.factor.shape[0])
+        noise = noise_of(for_last, last.factor.shape[0])
         return jax.vmap(lambda xi: space.retract(last.mean, applied(last.factor, xi)))(noise)
 
     def step(later: Array, reversal: Reversal, state: FilterState) -> Array:
-        noise = drawn(jax.random.fold_in(for_others, state.step), reversal.root.shape[1])
+        noise = noise_of(jax.random.fold_in(for_others, state.step), reversal.root.shape[1])
         return jax.vmap(lambda x, xi: reversal.point(space, x, xi))(later, noise)
 
     return jnp.moveaxis(back(run, states, u, step, start), 0, 1)

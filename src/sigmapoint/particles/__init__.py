@@ -1,0 +1,1 @@
+"""Particle filters: a cloud of weighted draws in place of a Gaussian."""

@@ -1,0 +1,46 @@
+"""The result of a particle filter."""
+
+import warnings
+from typing import Any, ClassVar
+
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from sigmapoint.checks import known
+from sigmapoint.results import FIELDS, Posterior
+
+
+class ParticlePosterior(Posterior):
+    """Beliefs over a series as weighted particles: a `Posterior` of their moments, and what stands behind it.
+
+    Attributes:
+        ess: effective sample size (T,) after weighing; 0 where no particle explained the measurement: there all weights
+            were zero and stay as predicted, and `log_likelihood` is minus infinity.
+        particles: (T, N, n), if kept.
+        log_weights: (T, N), if kept; those of an instant sum to one.
+        ancestors: for each particle, its place among those of the row before (T, N), if kept.
+        log_likelihood: natural logarithm of an unbiased estimate of the density of all measurements ().
+    """
+
+    FIELDS: ClassVar[tuple[str, ...]] = (*FIELDS, "particles", "log_weights", "ancestors")
+    ALWAYS: ClassVar[tuple[str, ...]] = ("ess",)
+
+    ess: Float[Array, "*B T"] | None
+    particles: Float[Array, "*B T N d"] | None
+    log_weights: Float[Array, "*B T N"] | None
+    ancestors: Int[Array, "*B T N"] | None
+
+    @classmethod
+    def of(cls, model: Any, y: Array, u: Any, kept: dict[str, Array]) -> Any:
+        """From what a run kept; a warning where the particles were lost."""
+        ess = kept.get("ess")
+        if ess is not None and known(ess) and not np.all(lost := np.asarray(ess) != 0):
+            where = tuple(int(i) for i in np.argwhere(~lost)[0])
+            row = f"row {where[-1]}" + (f" of series {where[0]}" if len(where) > 1 else "")
+            warnings.warn(
+                f"no particle explains the measurement of {row}: all weights were zero there, so the particles stay "
+                "as predicted, and the log-likelihood is minus infinity. Use more particles, a proposal that looks at "
+                "the measurement (sp.upf), or a noise with heavier tails",
+                stacklevel=3,
+            )
+        return super().of(model, y, u, kept)

@@ -1,0 +1,136 @@
+"""Proposals: what the particles of an instant are drawn from, q(x[k] | x[k−1], y[k]).
+
+A particle drawn from q has its weight multiplied by
+
+    p(y[k] | x[k]) p(x[k] | x[k−1]) / q(x[k] | x[k−1], y[k])
+
+(Wan & van der Merwe 2001, equation 7.102). Time passes before a measurement comes, so every particle is first drawn
+from the model; a proposal that looks at the measurement replaces these draws, from the same origin. Where nothing was
+measured, or the origin has served before (a second measurement at one instant), they stay.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import jax
+from jaxtyping import Array, Float
+
+from sigmapoint.model import StateSpaceModel
+from sigmapoint.particles.instant import Instant
+from sigmapoint.particles.state import ParticleState
+
+
+class Prospect(NamedTuple):
+    """What a measurement makes of the origin of every particle, before any is drawn."""
+
+    given: Any
+    """what to draw from"""
+    log_density: Float[Array, " N"]
+    """logarithm of about what density the measurement has from there"""
+
+
+class Drawn(NamedTuple):
+    """Particles, the logarithm of the ratio that multiplies their weights, and what the proposal remembers of them."""
+
+    particles: Float[Array, "N d"]
+    log_ratio: Float[Array, " N"]
+    memory: Any
+
+
+@runtime_checkable
+class Proposal(Protocol):
+    """What particles are drawn from. Hashable."""
+
+    def fits(self, model: StateSpaceModel, /) -> None:
+        """Raise where the model has no density that is needed."""
+        ...
+
+    def ready(self, model: StateSpaceModel, /) -> Any:
+        """What is computed once for a run, handed to the others as `tools`."""
+        ...
+
+    def start(self, tools: Any, count: int, /) -> Any:
+        """What is remembered of particles at instant 0."""
+        ...
+
+    def ahead(self, tools: Any, state: ParticleState, u: Any, /) -> Any:
+        """What is remembered of particles that have gone on to the next instant."""
+        ...
+
+    def prospect(self, tools: Any, at: Instant, state: ParticleState, /) -> Prospect:
+        """What a measurement makes of their origins."""
+        ...
+
+    def draw(self, at: Instant, key: Array, state: ParticleState, prospect: Prospect, /) -> Drawn:
+        """Particles of this instant."""
+        ...
+
+    def afresh(self) -> "Proposal":
+        """The same, drawing anew when a measurement comes: copies of one origin must not be copies of one draw."""
+        ...
+
+
+@dataclass(frozen=True)
+class Prior:
+    """The model itself, blind to the measurement: p(x[k] | x[k−1]) (equation 7.107). The ratio is the likelihood."""
+
+    def fits(self, model: StateSpaceModel) -> None:
+        pass
+
+    def ready(self, model: StateSpaceModel) -> None:
+        pass
+
+    def start(self, tools: None, count: int) -> None:
+        pass
+
+    def ahead(self, tools: None, state: ParticleState, u: Any) -> None:
+        pass
+
+    def prospect(self, tools: None, at: Instant, state: ParticleState) -> Prospect:
+        return Prospect(None, at.log_likelihood(state.origin.centre))
+
+    def draw(self, at: Instant, key: Array, state: ParticleState, prospect: Prospect) -> Drawn:
+        return as_they_are(at, state)
+
+    def afresh(self) -> Proposal:
+        return FreshPrior()
+
+
+@dataclass(frozen=True)
+class FreshPrior(Prior):
+    """The same, drawn when the measurement is there."""
+
+    def fits(self, model: StateSpaceModel) -> None:
+        model.process_noise.added("process_noise", "sp.auxiliary(sp.bootstrap(...))", "use sp.bootstrap(...) as it is")
+
+    def draw(self, at: Instant, key: Array, state: ParticleState, prospect: Prospect) -> Drawn:
+        def anew() -> Drawn:
+            particles = at.from_prior(key, state.origin.centre)
+            return Drawn(particles, at.log_likelihood(particles), state.origin.proposal)
+
+        return where_usable(at, state, anew)
+
+    def afresh(self) -> Proposal:
+        return self
+
+
+def prior() -> Prior:
+    """The model itself: particles are drawn ahead, blind to the measurement to come.
+
+    Examples:
+        >>> import sigmapoint as sp
+        >>> sp.particle_filter(100, proposal=sp.proposals.prior()) == sp.bootstrap(100)
+        True
+    """
+    return Prior()
+
+
+def as_they_are(at: Instant, state: ParticleState) -> Drawn:
+    """The particles that there are, weighed by the likelihood."""
+    return Drawn(state.particles, at.log_likelihood(state.particles), state.origin.proposal)
+
+
+def where_usable(at: Instant, state: ParticleState, anew: Callable[[], Drawn]) -> Drawn:
+    """New draws where the measurement and the origin can be used for it."""
+    return jax.lax.cond(at.usable(state), anew, lambda: as_they_are(at, state))

@@ -1,0 +1,92 @@
+"""Selection: when, and by which weights, particles are chosen.
+
+* `Afterwards`: before time passes, by their weights, where these have become uneven.
+* `Ahead`: when the next measurement is there, by how well it can be reached from each: the auxiliary particle filter
+  (Pitt & Shephard 1999). A particle is chosen with weight W p̂(y[k] | x[k−1]), and p̂ is divided out again of what it
+  becomes. With the locally optimal proposal p̂ is what it becomes, and all weigh the same: fully adapted.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from sigmapoint.particles.instant import Instant
+from sigmapoint.particles.proposal import Prospect
+from sigmapoint.particles.state import ParticleState
+from sigmapoint.particles.weights import effective, even, weighed
+
+
+class Selected(NamedTuple):
+    """Particles, what the measurement makes of them, and the logarithm of what to multiply their weights by."""
+
+    state: ParticleState
+    prospect: Prospect
+    log_first: Float[Array, " N"]
+
+
+@runtime_checkable
+class Selection(Protocol):
+    """When particles are chosen. `method` has the resampling scheme and its threshold."""
+
+    def before_time(self, method: Any, key: Array, state: ParticleState, /) -> ParticleState:
+        """The particles that go on to the next instant."""
+        ...
+
+    def before_drawing(
+        self, method: Any, key: Array, at: Instant, state: ParticleState, prospect: Prospect, /
+    ) -> Selected:
+        """The particles whose origins are drawn from, in the light of the measurement."""
+        ...
+
+
+def uneven(method: Any, log_weights: Float[Array, " N"]) -> Array:
+    """Whether so few particles count that it is time to resample."""
+    return effective(log_weights) < method.threshold * method.particles
+
+
+def resampled(method: Any, key: Array, state: ParticleState) -> ParticleState:
+    """Copies of the particles, all of one weight."""
+    ancestors = method.resampling(key, state.log_weights)
+    return state.chosen(ancestors, even(method.particles, state.log_weights.dtype))
+
+
+@dataclass(frozen=True)
+class Afterwards:
+    """By their weights."""
+
+    def before_time(self, method: Any, key: Array, state: ParticleState) -> ParticleState:
+        here = state.replace(ancestors=jnp.arange(method.particles, dtype=state.ancestors.dtype))
+        return jax.lax.cond(uneven(method, state.log_weights), lambda: resampled(method, key, here), lambda: here)
+
+    def before_drawing(
+        self, method: Any, key: Array, at: Instant, state: ParticleState, prospect: Prospect
+    ) -> Selected:
+        return Selected(state, prospect, jnp.zeros_like(state.log_weights))
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """By the next measurement."""
+
+    def before_time(self, method: Any, key: Array, state: ParticleState) -> ParticleState:
+        return state.replace(ancestors=jnp.arange(method.particles, dtype=state.ancestors.dtype))
+
+    def before_drawing(
+        self, method: Any, key: Array, at: Instant, state: ParticleState, prospect: Prospect
+    ) -> Selected:
+        first = weighed(state.log_weights, prospect.log_density)
+        useful = at.usable(state) & (first.log_total > -jnp.inf) & uneven(method, first.log_weights)
+
+        def chosen() -> Selected:
+            ancestors = method.resampling(key, first.log_weights)
+            given = jax.tree.map(lambda a: a[ancestors], prospect)
+            return Selected(
+                state.chosen(ancestors, even(method.particles, state.log_weights.dtype)),
+                given,
+                first.log_total - given.log_density,
+            )
+
+        return jax.lax.cond(useful, chosen, lambda: Selected(state, prospect, jnp.zeros_like(state.log_weights)))

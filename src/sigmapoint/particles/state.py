@@ -1,0 +1,117 @@
+"""What a particle filter knows at one instant, and what an update saw."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+from jaxtyping import Array, Bool, Float, Int
+
+from sigmapoint.particles.weights import effective, moments
+from sigmapoint.spaces import Space
+
+
+class Origin(NamedTuple):
+    """What the particles of an instant were drawn from."""
+
+    centre: Float[Array, "N d"]
+    """where the noise was added: f(x[k−1], u[k−1]), or the initial mean"""
+    proposal: Any
+    """what the proposal remembers of each particle"""
+    fresh: Bool[Array, ""]
+    """no measurement has been taken in since"""
+
+
+class ParticleState(eqx.Module):
+    """What a particle filter knows at instant `step`: weighted draws of the state.
+
+    Attributes:
+        particles: (N, d), in the units of the state.
+        log_weights: logarithms of their weights (N,), which sum to one.
+        ancestors: for each, its place among the particles of the instant before (N,).
+        origin: what they were drawn from.
+        key: of the draws to come, with `count` as their number.
+        step: the instant.
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x[:1], jnp.eye(2), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(2), jnp.eye(2)))
+        >>> state = sp.online(model, sp.bootstrap(100)).init(key=0)
+        >>> state.particles.shape, state.mean.shape, state.cov.shape, round(float(state.ess))
+        ((100, 2), (2,), (2, 2), 100)
+    """
+
+    particles: Float[Array, "N d"]
+    log_weights: Float[Array, " N"]
+    ancestors: Int[Array, " N"]
+    origin: Origin
+    key: Array
+    count: Int[Array, ""]
+    step: Int[Array, ""]
+    space: Space = eqx.field(static=True)
+
+    @property
+    def mean(self) -> Float[Array, " d"]:
+        """Mean of the state, in its units."""
+        return moments(self.particles, self.log_weights, self.space).mean
+
+    @property
+    def cov(self) -> Float[Array, "n n"]:
+        """Covariance of the state, in products of its units."""
+        return moments(self.particles, self.log_weights, self.space).cov
+
+    @property
+    def std(self) -> Float[Array, " n"]:
+        """Standard deviations of the state's elements, in their units."""
+        return moments(self.particles, self.log_weights, self.space).std
+
+    @property
+    def ess(self) -> Float[Array, ""]:
+        """Effective sample size, from 1 to the number of particles."""
+        return effective(self.log_weights)
+
+    def random(self, purpose: int) -> Array:
+        """The key of this operation for one purpose."""
+        return jax.random.fold_in(jax.random.fold_in(self.key, self.count), purpose)
+
+    def replace(self, **fields: Any) -> "ParticleState":
+        """With other values of some fields."""
+        names = self.__dataclass_fields__
+        return ParticleState(**{name: fields.get(name, getattr(self, name)) for name in names})
+
+    def chosen(self, ancestors: Int[Array, " N"], log_weights: Float[Array, " N"]) -> "ParticleState":
+        """Copies of the ancestors, with weights of their own."""
+        own, origin = jax.tree.map(
+            lambda a: a[ancestors], ((self.particles, self.ancestors), self.origin._replace(fresh=None))
+        )
+        return self.replace(
+            particles=own[0],
+            ancestors=own[1],
+            log_weights=log_weights,
+            origin=origin._replace(fresh=self.origin.fresh),
+        )
+
+
+class ParticleInfo(NamedTuple):
+    """What an update saw; innovation, its covariance and NIS by the prediction made before.
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> live = sp.online(model, sp.bootstrap(1000))
+        >>> _, info = live.update(live.init(key=0), [2.0])
+        >>> bool(0 < info.ess < 1000), bool(abs(info.log_likelihood + 2.27) < 0.2)
+        (True, True)
+    """
+
+    innovation: Float[Array, " m"]
+    """Measured minus predicted, in the units of the measurement; NaN where nothing was measured."""
+    innovation_cov: Float[Array, "m m"]
+    """Its covariance as predicted, in products of these units."""
+    nis: Float[Array, ""]
+    """Normalised innovation squared [1]: its mean is the number of elements measured, if the model is right."""
+    log_likelihood: Float[Array, ""]
+    """Natural logarithm of an unbiased estimate of the predicted density of what was measured."""
+    ess: Float[Array, ""]
+    """Effective sample size after weighing; 0 where no particle explains the measurement (all weights were zero)."""

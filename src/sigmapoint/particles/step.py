@@ -1,0 +1,115 @@
+"""One step of a particle filter: particles are weighed by a measurement, and drawn ahead in time.
+
+Source: Wan & van der Merwe (2001), Algorithm 7.6.1. Estimates are made before particles are resampled, from weights.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from sigmapoint.densities import finite_part
+from sigmapoint.entering import NoiseSeries
+from sigmapoint.linalg import cholesky, solve_lower
+from sigmapoint.model import StateSpaceModel
+from sigmapoint.particles.instant import Instant
+from sigmapoint.particles.moves import Setting
+from sigmapoint.particles.normals import normals
+from sigmapoint.particles.proposal import Drawn, Prospect
+from sigmapoint.particles.selection import uneven
+from sigmapoint.particles.state import Origin, ParticleInfo, ParticleState
+from sigmapoint.particles.weights import effective, even, moments, weighed
+from sigmapoint.system import System, initial
+
+RESAMPLED, DRAWN, RESAMPLED_AGAIN, MOVED = range(4)
+"""What random numbers are for."""
+
+
+class ParticleFilter(NamedTuple):
+    """A model made ready for a particle method."""
+
+    model: StateSpaceModel
+    method: Any
+    process: NoiseSeries
+    observation: NoiseSeries
+    tools: Any
+    key: Array | None
+
+    @classmethod
+    def of(cls, model: StateSpaceModel, method: Any, key: Array | None) -> "ParticleFilter":
+        _, process, observation = System.of(model)
+        return cls(model, method, process, observation, method.proposal.ready(model), key)
+
+    @property
+    def system(self) -> System:
+        """The model and its noises."""
+        return System(self.model, self.process, self.observation)
+
+    def init(self) -> ParticleState:
+        """Draws of the initial belief, at instant 0."""
+        N, mean, space = self.method.particles, self.model.initial.mean, self.model.state_space
+        assert self.key is not None
+        steps = initial(self.model).draws(jax.random.fold_in(self.key, 0), N, normals)
+        particles = jax.vmap(lambda step: space.retract(mean, step))(steps)
+        centre = jnp.broadcast_to(mean, particles.shape)
+        origin = Origin(centre, self.method.proposal.start(self.tools, N), jnp.ones((), bool))
+        every = jnp.arange(N, dtype=jnp.int32)
+        return ParticleState(
+            particles, even(N, mean.dtype), every, origin, self.key, jnp.ones((), int), jnp.zeros((), int), space
+        )
+
+    def predict(self, state: ParticleState, u: Any) -> ParticleState:
+        """Particles drawn for the next instant, of those that are worth it."""
+        fs, method = self.system.functions(state.step), self.method
+        state = method.selection.before_time(method, state.random(RESAMPLED), state)
+        noise = self.process.density(state.step).draws(state.random(DRAWN), method.particles, normals)
+        step = fs.process.drawn(fs.f, fs.state_space)
+        particles, centre = jax.vmap(lambda x, w: step(x, u, w))(state.particles, noise)
+        origin = Origin(centre, method.proposal.ahead(self.tools, state, u), jnp.ones((), bool))
+        return state.replace(particles=particles, origin=origin, count=state.count + 1, step=state.step + 1)
+
+    def update(self, state: ParticleState, y: Float[Array, " e"], u: Any) -> tuple[ParticleState, ParticleInfo]:
+        """Particles after a measurement; elements that are NaN were not measured."""
+        method, at = self.method, Instant.of(self.system, state.step, y, u)
+        prospect = method.proposal.prospect(self.tools, at, state)
+        chosen = method.selection.before_drawing(method, state.random(RESAMPLED), at, state, prospect)
+        drawn = method.proposal.draw(at, state.random(DRAWN), chosen.state, chosen.prospect)
+        log_weights, log_likelihood = weighed(chosen.state.log_weights, drawn.log_ratio + chosen.log_first)
+        ess = jnp.where(log_likelihood > -jnp.inf, effective(log_weights), 0.0)
+        info = ParticleInfo(*self._predicted(at, state), log_likelihood, ess)
+        origin = chosen.state.origin._replace(proposal=drawn.memory)
+        after = chosen.state.replace(particles=drawn.particles, log_weights=log_weights, origin=origin)
+        if method.move is not None:
+            after = self._moved(at, after, chosen.prospect, drawn)
+        origin = after.origin._replace(fresh=after.origin.fresh & ~at.active.any())
+        return after.replace(origin=origin, count=state.count + 1), info
+
+    def _predicted(self, at: Instant, state: ParticleState) -> tuple[Array, Array, Array]:
+        """Innovation, its covariance and NIS, by the particles before the measurement."""
+        space, active = at.functions.observation_space, at.active
+        expected = moments(at.expected(state.particles), state.log_weights, space)
+        noise: Any = self.observation.at(state.step)
+        mean = space.retract(expected.mean, finite_part(noise.mean, 0.0))
+        innovation = at.functions.innovation(at.y, mean, active)
+        S = expected.cov + noise.spread.cov
+        # What has no finite variance surprises nobody.
+        informative = active & jnp.isfinite(jnp.diagonal(S))
+        pairs = informative[:, None] & informative[None, :]
+        factor = cholesky(jnp.where(pairs, S, jnp.eye(S.shape[0], dtype=S.dtype)))
+        nis = jnp.sum(solve_lower(factor, jnp.where(informative, innovation, 0.0)) ** 2)
+        return jnp.where(active, innovation, jnp.nan), S, nis
+
+    def _moved(self, at: Instant, state: ParticleState, prospect: Prospect, drawn: Drawn) -> ParticleState:
+        """Resampled where it is time to, and the copies moved apart."""
+        method = self.method
+
+        def apart() -> ParticleState:
+            log_weights = even(method.particles, state.log_weights.dtype)
+            ancestors = method.resampling(state.random(RESAMPLED_AGAIN), state.log_weights)
+            given, copies = jax.tree.map(lambda a: a[ancestors], (prospect, drawn))
+            copied = state.chosen(ancestors, log_weights)
+            setting = Setting(at, copied, method.proposal, given)
+            return copied.replace(particles=method.move(state.random(MOVED), setting, copies).particles)
+
+        return jax.lax.cond(at.usable(state) & uneven(method, state.log_weights), apart, lambda: state)

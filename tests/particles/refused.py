@@ -1,0 +1,78 @@
+"""What particle filters refuse, and what they say."""
+
+import jax.numpy as jnp
+from particles.scalar_case import MODEL, Y
+
+import sigmapoint as sp
+
+INSIDE = sp.NonAdditive(jnp.eye(1))
+FLAT = sp.StateSpaceModel(
+    lambda x, u: x,
+    lambda x, u: x[:1],
+    jnp.diag(jnp.array([1.0, 0.0])),
+    jnp.eye(1),
+    sp.Gaussian(jnp.zeros(2), jnp.eye(2)),
+)
+
+
+def model(**parts):
+    given = {"process_noise": jnp.eye(1), "observation_noise": jnp.eye(1), "initial": MODEL.initial}
+    return sp.StateSpaceModel(lambda x, u, *w: x, lambda x, u, *v: x, **(given | parts))
+
+
+REFUSED = {
+    "no key": (lambda: sp.filter(MODEL, Y, method=sp.bootstrap(10)), "key is missing: a particle filter draws"),
+    "no key online": (lambda: sp.online(MODEL, sp.bootstrap(10)).init(), "key is missing"),
+    "a key that is none": (lambda: sp.filter(MODEL, Y, method=sp.bootstrap(10), key="a"), "key must be"),
+    "no particles": (lambda: sp.bootstrap(0), "particles must be a whole number of at least 1"),
+    "threshold": (lambda: sp.particle_filter(10, threshold=1.5), "threshold must be greater than 0"),
+    "proposal": (lambda: sp.particle_filter(10, proposal=sp.ukf()), r"proposal must be sp.proposals.prior\(\)"),
+    "move without parentheses": (lambda: sp.particle_filter(10, move=sp.moves.random_walk), "move must be sp.moves"),
+    "resampling": (lambda: sp.particle_filter(10, resampling="systematic"), "resampling must be a function"),
+    "guided by particles": (lambda: sp.proposals.guided(sp.bootstrap(3)), "method must be a sp.Method"),
+    "auxiliary of a Gaussian": (lambda: sp.auxiliary(sp.ukf()), "method must be a particle filter"),
+    "scale of a walk": (lambda: sp.moves.random_walk(0), "scale must be positive"),
+    "without parentheses": (
+        lambda: sp.filter(MODEL, Y, method=sp.bootstrap, key=0),
+        r"method must be .*sp.bootstrap\(\)",
+    ),
+    "keep particles of a Gaussian": (lambda: sp.filter(MODEL, Y, keep=("particles",)), "keep has unknown name"),
+    "v inside": (
+        lambda: sp.filter(model(observation_noise=INSIDE), Y, method=sp.bootstrap(10), key=0),
+        "observation_noise must be additive for a particle filter, which needs its density",
+    ),
+    "w inside, guided": (
+        lambda: sp.filter(model(process_noise=INSIDE), Y, method=sp.upf(10), key=0),
+        "process_noise must be additive for a proposal that looks at the measurement.*sp.bootstrap",
+    ),
+    "w inside, auxiliary": (
+        lambda: sp.filter(model(process_noise=INSIDE), Y, method=sp.auxiliary(sp.bootstrap(10)), key=0),
+        "process_noise must be additive",
+    ),
+    "flat noise, guided": (lambda: sp.filter(FLAT, Y, method=sp.upf(10), key=0), "process_noise has a singular cov"),
+    "flat noise, moved": (
+        lambda: sp.filter(FLAT, Y, method=sp.particle_filter(10, move=sp.moves.random_walk()), key=0),
+        "process_noise has a singular covariance.*independence",
+    ),
+    "exact sensor": (
+        lambda: sp.filter(model(observation_noise=jnp.zeros((1, 1))), Y, method=sp.bootstrap(10), key=0),
+        "observation_noise has a singular covariance",
+    ),
+    "rts of particles": (
+        lambda: sp.smooth(MODEL, Y, method=sp.bootstrap(10), key=0),
+        "smoother must be sp.backward_sim",
+    ),
+    "backward simulation of a Gaussian": (
+        lambda: sp.smooth(MODEL, Y, smoother=sp.backward_simulation()),
+        r"smoother must be sp.rts\(\)",
+    ),
+    "backward simulation of flat noise": (
+        lambda: sp.smooth(FLAT, Y, method=sp.bootstrap(10), smoother=sp.backward_simulation(), key=0),
+        "process_noise has a singular covariance.*fixed_lag",
+    ),
+    "em of particles": (lambda: sp.em(MODEL, Y, method=sp.bootstrap(10)), "method must be a sp.Method, a Gaussian"),
+    "a state of another method": (
+        lambda: sp.online(MODEL).update(sp.online(MODEL, sp.bootstrap(10)).init(key=0), [1.0]),
+        "state must come from",
+    ),
+}

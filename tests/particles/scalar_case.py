@@ -1,0 +1,36 @@
+"""A linear model of one state, its exact answer, and a particle filter of every make."""
+
+import jax.numpy as jnp
+
+import sigmapoint as sp
+
+MODEL = sp.StateSpaceModel(
+    lambda x, u: 0.9 * x,
+    lambda x, u: x,
+    0.5 * jnp.eye(1),
+    0.25 * jnp.eye(1),
+    sp.Gaussian(jnp.ones(1), jnp.eye(1)),
+)
+Y = jnp.array([[1.5], [jnp.nan], [0.4], [-1.0], [-0.2], [1.1]])
+EXACT = sp.filter(MODEL, Y)
+
+
+def makes(N: int) -> dict[str, sp.ParticleMethod]:
+    """Every kind of proposal, selection and move."""
+    guided = sp.proposals.guided(sp.srcdkf())
+    return {
+        "bootstrap": sp.bootstrap(N),
+        "ekpf": sp.ekpf(N),
+        "upf": sp.upf(N),
+        "carried, its own noise": sp.particle_filter(
+            N, proposal=sp.proposals.carried(sp.cdkf(), process_noise=jnp.eye(1), observation_noise=0.5 * jnp.eye(1))
+        ),
+        "guided": sp.particle_filter(N, proposal=guided),
+        "auxiliary": sp.auxiliary(sp.bootstrap(N)),
+        "auxiliary upf": sp.auxiliary(sp.upf(N)),
+        "fully adapted": sp.auxiliary(sp.particle_filter(N, proposal=guided, threshold=1.0)),
+        "moved": sp.particle_filter(N, threshold=1.0, move=sp.moves.random_walk()),
+        "moved upf": sp.particle_filter(
+            N, proposal=sp.proposals.carried(sp.srukf()), threshold=1.0, move=sp.moves.independence()
+        ),
+    }
