@@ -77,14 +77,14 @@ class Given(NamedTuple):
         return jnp.asarray(drawn, self.centre.dtype).reshape(count, -1) - self.centre[None]
 
     def log_density(self, values: Float[Array, "N q"], active: Bool[Array, " q"]) -> Float[Array, " N"]:
-        each = self.distribution.batch_shape
+        shape = *self.distribution.batch_shape, *self.distribution.event_shape
         harmless = _inside(self.distribution, self.centre.dtype)
-        inside = jnp.where(active[None], values + self.centre[None], harmless[None])
-        inside = inside.reshape(-1, *each, *self.distribution.event_shape)
-        log_density = _supported(self.distribution, inside).astype(values.dtype)
+        known = jnp.where(active[None], values + self.centre[None], harmless[None])
+        log_density = _supported(self.distribution, known.reshape(-1, *shape), harmless.reshape(shape))
+        log_density = log_density.astype(values.dtype).reshape(values.shape[0], -1)
         if self.distribution.event_shape:  # elements that depend on each other are known together or not at all
-            return jnp.where(active.all(), log_density.reshape(values.shape[0], -1).sum(1), 0.0)
-        return jnp.sum(jnp.where(active[None], log_density.reshape(values.shape), 0.0), axis=1)
+            return jnp.where(active.all(), log_density.sum(1), 0.0)
+        return jnp.sum(jnp.where(active[None], log_density, 0.0), axis=1)
 
 
 def whitening(cov: Float[Array, "q q"]) -> Float[Array, "q q"]:
@@ -106,11 +106,14 @@ def _inside(distribution: Any, dtype: Any) -> Float[Array, " q"]:
     return jnp.asarray(distribution.sample(jax.random.key(0), ()), dtype).reshape(-1)
 
 
-def _supported(distribution: Any, values: Array) -> Array:
+def _supported(distribution: Any, values: Array, harmless: Array) -> Array:
     """The logarithm of the density; minus infinity outside of the support, which not every distribution says."""
-    log_density = distribution.log_prob(values)
     support = getattr(distribution, "support", None)
-    return log_density if support is None else jnp.where(support(values), log_density, -jnp.inf)
+    if support is None:
+        return distribution.log_prob(values)
+    inside = support(values)
+    within = inside.reshape(*inside.shape, *(1 for _ in distribution.event_shape))
+    return jnp.where(inside, distribution.log_prob(jnp.where(within, values, harmless[None])), -jnp.inf)
 
 
 class Moments(NamedTuple):

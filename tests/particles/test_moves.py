@@ -39,6 +39,7 @@ def test_a_move_leaves_the_posterior_as_it_is_and_parts_copies(name, proposal):
         off = np.asarray(found).mean(0) - np.asarray(true)
         # The covariance of a sample of N is off by a share of 1/N.
         assert (np.abs(off) < 4 * np.asarray(found).std(0) / np.sqrt(RUNS) + 2 / N).all()
+    # Fresh draws of the prior are refused to a third of the copies: few lie near an outlier.
     assert len(np.unique(post.particles[0, 1])) > 0.6 * N
     copied = sp.online(MODEL, still)
     state = copied.update(copied.predict(copied.update(copied.init(key=0), y[0])[0]), y[1])[0]

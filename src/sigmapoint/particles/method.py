@@ -11,7 +11,8 @@ from sigmapoint.model import StateSpaceModel
 from sigmapoint.particles.gaussian import carried
 from sigmapoint.particles.moves import Move
 from sigmapoint.particles.posterior import ParticlePosterior
-from sigmapoint.particles.proposal import Prior, Proposal
+from sigmapoint.particles.prior import Prior
+from sigmapoint.particles.proposal import Proposal
 from sigmapoint.particles.resampling import Resampling, systematic
 from sigmapoint.particles.selection import Afterwards, Ahead, Selection
 from sigmapoint.particles.state import ParticleState
@@ -170,9 +171,9 @@ def auxiliary(method: ParticleMethod) -> ParticleMethod:
         method: any particle filter without a move.
 
     Returns:
-        The method, with first-stage weights: of the likelihood at the predicted state for the prior, of the predictive
-        density for a Gaussian proposal. With `proposals.guided` on a model linear in its measurements that is exact,
-        and all particles weigh the same: fully adapted.
+        The method, with the predictive density of the measurement as first-stage weight, as the Gaussian filter of the
+        proposal finds it, or `srukf()` for the prior. With `proposals.guided` on a model linear in its measurements
+        that is exact, and all particles weigh the same: fully adapted.
 
     Raises:
         ValueError: not a particle filter.

@@ -10,7 +10,6 @@ measured, or the origin has served before (a second measurement at one instant),
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
@@ -69,61 +68,6 @@ class Proposal(Protocol):
     def afresh(self) -> "Proposal":
         """The same, drawing anew when a measurement comes: copies of one origin must not be copies of one draw."""
         ...
-
-
-@dataclass(frozen=True)
-class Prior:
-    """The model itself, blind to the measurement: p(x[k] | x[k−1]) (equation 7.107). The ratio is the likelihood."""
-
-    def fits(self, model: StateSpaceModel) -> None:
-        pass
-
-    def ready(self, model: StateSpaceModel) -> None:
-        pass
-
-    def start(self, tools: None, count: int) -> None:
-        pass
-
-    def ahead(self, tools: None, state: ParticleState, u: Any) -> None:
-        pass
-
-    def prospect(self, tools: None, at: Instant, state: ParticleState) -> Prospect:
-        return Prospect(None, at.log_likelihood(state.origin.centre))
-
-    def draw(self, at: Instant, key: Array, state: ParticleState, prospect: Prospect) -> Drawn:
-        return as_they_are(at, state)
-
-    def afresh(self) -> Proposal:
-        return FreshPrior()
-
-
-@dataclass(frozen=True)
-class FreshPrior(Prior):
-    """The same, drawn when the measurement is there."""
-
-    def fits(self, model: StateSpaceModel) -> None:
-        model.process_noise.added("process_noise", "sp.auxiliary(sp.bootstrap(...))", "use sp.bootstrap(...) as it is")
-
-    def draw(self, at: Instant, key: Array, state: ParticleState, prospect: Prospect) -> Drawn:
-        def anew() -> Drawn:
-            particles = at.from_prior(key, state.origin.centre)
-            return Drawn(particles, at.log_likelihood(particles), state.origin.proposal)
-
-        return where_usable(at, state, anew)
-
-    def afresh(self) -> Proposal:
-        return self
-
-
-def prior() -> Prior:
-    """The model itself: particles are drawn ahead, blind to the measurement to come.
-
-    Examples:
-        >>> import sigmapoint as sp
-        >>> sp.particle_filter(100, proposal=sp.proposals.prior()) == sp.bootstrap(100)
-        True
-    """
-    return Prior()
 
 
 def as_they_are(at: Instant, state: ParticleState) -> Drawn:
