@@ -10,7 +10,7 @@ from typing import Any
 
 import equinox as eqx
 
-from sigmapoint import checks
+from sigmapoint import belief_checks, checks
 from sigmapoint.jacobians import with_jacobian
 from sigmapoint.noise import Additive, Gaussian, NonAdditive, initial_of, noise_of
 from sigmapoint.spaces import Euclidean, Space
@@ -91,7 +91,7 @@ class StateSpaceModel(eqx.Module):
         self.observation_space = Euclidean() if observation_space is None else observation_space
         checks.space("state_space", self.state_space, initial.mean.shape[-1])
         checks.space("observation_space", self.observation_space, None)
-        checks.initial(initial, self.state_space)
+        belief_checks.initial(initial, self.state_space)
         self.process_noise.fits("process_noise", initial.cov.shape[-1], "state")
         n = initial.mean.shape[-1]
         self.state_names = checks.names("state_names", state_names, n) or tuple(f"x{i}" for i in range(n))

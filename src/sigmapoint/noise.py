@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint import checks
+from sigmapoint import belief_checks, checks
 from sigmapoint.densities import Distribution, moments, size_of
 from sigmapoint.entering import AdditiveNoise, StackedNoise
 
@@ -36,7 +36,7 @@ class Gaussian(eqx.Module):
         self.distribution = distribution
         self.mean = checks.array("mean", mean)
         self.cov = checks.array("cov", cov)
-        checks.covariance("cov", self.cov)
+        belief_checks.covariance("cov", self.cov)
         if self.mean.ndim != 1:
             raise ValueError(f"mean must be (n,), got shape {self.mean.shape}")
         checks.finite("mean", self.mean)
@@ -79,7 +79,7 @@ class Additive(eqx.Module):
 
     def dense(self, name: str, by: str, instead: str) -> None:
         """Raise where a Gaussian has no density, as its covariance is singular."""
-        if self.distribution is None and checks.known(self.cov) and checks.singular(self.cov):
+        if self.distribution is None and checks.known(self.cov) and belief_checks.singular(self.cov):
             raise ValueError(
                 f"{name} has a singular covariance, and so no density, which {by} needs: {instead}, or give every "
                 "element a variance of its own"
@@ -152,7 +152,7 @@ def noise_of(name: str, noise: Any) -> Additive | NonAdditive:
     if isinstance(noise, Gaussian | Distribution):
         return Additive(noise)
     cov = checks.array(name, noise)
-    checks.covariance(name, cov, series=True)
+    belief_checks.covariance(name, cov, series=True)
     return Additive(cov)
 
 
@@ -195,7 +195,7 @@ def _parts(cov: Any, mean: Any, distribution: Any) -> tuple[Array, Array, Any]:
 
 def _noise_arrays(cov: Any, mean: Any) -> tuple[Array, Array]:
     cov = checks.array("cov", cov)
-    checks.covariance("cov", cov, series=True)
+    belief_checks.covariance("cov", cov, series=True)
     mean = jnp.zeros(cov.shape[-1:], cov.dtype) if mean is None else checks.array("mean", mean)
     checks.finite("mean", mean)
     if mean.shape[-1:] != cov.shape[-1:] or mean.ndim > 2:

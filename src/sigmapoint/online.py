@@ -1,7 +1,6 @@
 """One sample at a time: the same arithmetic as `filter`, in whatever order measurements arrive."""
 
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,8 +11,8 @@ from sigmapoint import checks, data_checks
 from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import fitting
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.native import looped
-from sigmapoint.recipe import Recipe, Run
+from sigmapoint.online_calls import calls
+from sigmapoint.recipe import Recipe
 
 
 class OnlineFilter:
@@ -36,7 +35,7 @@ class OnlineFilter:
         self._dtype = np.dtype(model.initial.mean.dtype)
         self._concrete = all(map(checks.known, leaves))
         self._one = jnp.ones((), int)
-        self._calls = _calls(structure, rest, method)
+        self._calls = calls(structure, rest, method)
         self._method = method
 
     def init(self, key: Array | int | None = None) -> Any:
@@ -220,34 +219,3 @@ def online(model: StateSpaceModel, method: Recipe | None = None) -> OnlineFilter
         ((1,), (1, 1), (1,))
     """
     return OnlineFilter(model, fitting(model, method))
-
-
-class Calls(NamedTuple):
-    """The compiled functions of a model and a method."""
-
-    init: Any
-    update: Any
-    predict: Any
-    step: Any
-
-
-@lru_cache(maxsize=64)
-def _calls(structure: Any, rest: tuple[Any, ...], method: Recipe) -> Calls:
-    """For models that differ in arrays only; `rest` is their leaves, with nothing in place of the arrays."""
-
-    def run(arrays: list[Array], key: Any = None) -> Run:
-        left = iter(arrays)
-        leaves = [next(left) if leaf is None else leaf for leaf in rest]
-        return method.ready(jax.tree.unflatten(structure, leaves), key)
-
-    def update(arrays: list[Array], state: Any, y: Any, u: Any, once: Any) -> tuple[Any, Any]:
-        return looped(lambda state, arrays, y, u: run(arrays).update(state, y, u), state, once, arrays, y, u)
-
-    def predict(arrays: list[Array], state: Any, u: Any, once: Any) -> Any:
-        return looped(lambda state, arrays, u: (run(arrays).predict(state, u), None), state, once, arrays, u)[0]
-
-    def step(arrays: list[Array], state: Any, y: Any, u: Any, once: Any) -> Any:
-        after, info = update(arrays, state, y, u, once)
-        return after, info, predict(arrays, after, u, once)
-
-    return Calls(jax.jit(lambda arrays, key: run(arrays, key).init()), jax.jit(update), jax.jit(predict), jax.jit(step))

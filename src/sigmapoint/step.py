@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sigmapoint import checks
+from sigmapoint import belief_checks
 from sigmapoint.belief import Belief, covariance
 from sigmapoint.carry import Carry, Functions, Points, Redraw
 from sigmapoint.conditioning import Conditioned, condition
@@ -114,11 +114,11 @@ class Method:
     def fits(self, model: StateSpaceModel) -> None:
         """Raise where the model has what no Gaussian stands for, or no room for the points."""
         for name in ("process_noise", "observation_noise"):
-            checks.gaussian(name, getattr(model, name))
+            belief_checks.gaussian(name, getattr(model, name))
         if isinstance(self.rule, SigmaPointRule):
             constants = self.rule.constants(model.initial.cov.shape[-1])
-            checks.digits(abs(constants.centre), model.initial.mean.dtype)
-            checks.room(model.initial, constants.reach, model.state_space, model.state_names)
+            belief_checks.digits(abs(constants.centre), model.initial.mean.dtype)
+            belief_checks.room(model.initial, constants.reach, model.state_space, model.state_names)
 
     def random(self, key: Any) -> None:
         """Nothing is drawn: a key that others need is of no account here."""

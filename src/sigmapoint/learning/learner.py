@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from sigmapoint import checks, data_checks
+from sigmapoint import belief_checks, checks, data_checks
 from sigmapoint.carry import Redraw
 from sigmapoint.learning import measurement_noise, sharding
 from sigmapoint.learning.drift import Drift, drift_of
@@ -186,7 +186,7 @@ def fitting(
     if method.iterations > 1 or not isinstance(method.carry, Redraw):
         raise ValueError(f"learner: the {name} must not be iterated, augmented or extended")
     if isinstance(method.rule, SigmaPointRule):
-        checks.digits(abs(method.rule.constants(parameters.start.shape[0]).centre), parameters.start.dtype)
+        belief_checks.digits(abs(method.rule.constants(parameters.start.shape[0]).centre), parameters.start.dtype)
     return method, drift_of(drift)
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint import checks
+from sigmapoint import belief_checks, checks
 from sigmapoint.belief import symmetric
 
 LEAST = 1e-8
@@ -111,7 +111,7 @@ def checked(name: str, noise: Any) -> Any:
                 f"{name} must be a variance, variances (m,), or a covariance (m, m), got shape {given.shape}"
             )
         if given.ndim == 2:
-            checks.covariance(name, given)
+            belief_checks.covariance(name, given)
         given = np.asarray(given)
         variances = np.diagonal(given) if given.ndim == 2 else given
         if not (np.isfinite(variances) & (variances > 0)).all():

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint import checks
+from sigmapoint import belief_checks, checks
 from sigmapoint.belief import Belief
 from sigmapoint.densities import LOG_2PI
 from sigmapoint.model import StateSpaceModel
@@ -139,7 +139,7 @@ def _covariance(name: str, given: Any) -> Covariance:
     if given is None:
         return None
     cov = checks.array(name, given)
-    checks.covariance(name, cov)
+    belief_checks.covariance(name, cov)
     return tuple(tuple(row) for row in np.asarray(cov, float).tolist())
 
 

@@ -1,6 +1,6 @@
 """The prior as a proposal: particles drawn from the model itself, p(x[k] | x[k−1]), blind to the measurement.
 
-Source: Gordon, Salmond & Smith (1993); Wan & van der Merwe (2001), equation 7.107. The weight's ratio is the likelihood.
+Source: Gordon, Salmond & Smith (1993); Wan & van der Merwe (2001), equation 7.107. The ratio is the likelihood.
 """
 
 from dataclasses import dataclass
