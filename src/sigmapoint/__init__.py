@@ -48,8 +48,12 @@ from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive, Gaussian, NonAdditive
 from sigmapoint.online import OnlineFilter, online
 from sigmapoint.particles import moves, proposals, resampling
+from sigmapoint.particles.gaussian_sum import GaussianSumState
+from sigmapoint.particles.gaussian_sum_method import GaussianSumMethod, gmsppf, gspf
 from sigmapoint.particles.method import ParticleMethod, auxiliary, bootstrap, ekpf, particle_filter, upf
-from sigmapoint.particles.posterior import ParticlePosterior
+from sigmapoint.particles.posterior import GaussianSumPosterior, ParticlePosterior
+from sigmapoint.particles.rao_blackwell import RaoBlackwellisedState
+from sigmapoint.particles.rao_blackwell_method import RaoBlackwellisedMethod, rao_blackwellised
 from sigmapoint.particles.smoothing import backward_simulation
 from sigmapoint.particles.state import ParticleInfo, ParticleState
 from sigmapoint.results import Posterior
@@ -92,6 +96,9 @@ __all__ = [
     "FilterState",
     "Fit",
     "Gaussian",
+    "GaussianSumMethod",
+    "GaussianSumPosterior",
+    "GaussianSumState",
     "History",
     "Info",
     "LaggedState",
@@ -112,6 +119,8 @@ __all__ = [
     "Prediction",
     "Profile",
     "Progress",
+    "RaoBlackwellisedMethod",
+    "RaoBlackwellisedState",
     "StateSpaceModel",
     "Trained",
     "Unknown",
@@ -145,6 +154,8 @@ __all__ = [
     "forgetting",
     "full",
     "ghkf",
+    "gmsppf",
+    "gspf",
     "ipls",
     "iterated",
     "joint",
@@ -163,6 +174,7 @@ __all__ = [
     "positive",
     "prediction_error",
     "proposals",
+    "rao_blackwellised",
     "real",
     "recurrent",
     "report",

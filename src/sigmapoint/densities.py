@@ -129,7 +129,7 @@ def moments(distribution: Any) -> Moments:
     A mixture's covariance is that within its components and between their means: Σ π (C + m mᵀ) − m̄ m̄ᵀ.
     """
     mean = jnp.asarray(distribution.mean, float).reshape(-1)
-    parts = _components(distribution)
+    parts = components(distribution)
     if parts is None:
         return Moments(mean, _covariance(distribution, mean.shape[0]))
     weights, each = parts
@@ -139,7 +139,7 @@ def moments(distribution: Any) -> Moments:
     return Moments(weights @ means, within + jnp.einsum("k,ki,kj->ij", weights, apart, apart))
 
 
-def _components(distribution: Any) -> tuple[Array, list[Moments]] | None:
+def components(distribution: Any) -> tuple[Array, list[Moments]] | None:
     """Weights and moments of the parts of a mixture of vectors; nothing where it is no such mixture."""
     mixing = getattr(distribution, "mixing_distribution", None)
     if mixing is None or distribution.batch_shape:

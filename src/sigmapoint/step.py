@@ -171,6 +171,12 @@ class Filter(NamedTuple):
         mean = fs.state_space.retract(joint.state.mean, given.step[:, 0])
         return self.about(type(belief).from_root(mean, given.root), state.step), info
 
+    def expected(self, state: FilterState, y: Float[Array, " d"], u: Any) -> tuple[Array, Array]:
+        """Mean and covariance of a measurement of the size of `y`, as predicted."""
+        fs = self.functions(state.step, y.shape)
+        joint = self.method.carry.measurement(self.method.rule, state.belief, state.points, fs, u)
+        return joint.value.mean, covariance(joint.value, joint.noise)
+
     def about(self, belief: Belief, step: Array) -> FilterState:
         """A state with that belief."""
         points = self.method.carry.draw(self.method.rule, belief, self.functions(step))

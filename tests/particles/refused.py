@@ -20,6 +20,10 @@ def model(**parts):
     return sp.StateSpaceModel(lambda x, u, *w: x, lambda x, u, *v: x, **(given | parts))
 
 
+def known():
+    return model(initial=sp.Gaussian(jnp.zeros(1), jnp.zeros((1, 1))))
+
+
 REFUSED = {
     "no key": (lambda: sp.filter(MODEL, Y, method=sp.bootstrap(10)), "key is missing: a particle filter draws"),
     "no key online": (lambda: sp.online(MODEL, sp.bootstrap(10)).init(), "key is missing"),
@@ -74,5 +78,32 @@ REFUSED = {
     "a state of another method": (
         lambda: sp.online(MODEL).update(sp.online(MODEL, sp.bootstrap(10)).init(key=0), [1.0]),
         "state must come from",
+    ),
+    "no components": (lambda: sp.gspf(0, 10), "components must be a whole number of at least 1"),
+    "more components than particles": (lambda: sp.gmsppf(20, 10), "particles must be a whole number of at least 20"),
+    "no iterations": (lambda: sp.gmsppf(2, 10, iterations=0), "iterations must be"),
+    "a Gaussian sum of particles": (lambda: sp.gspf(2, 10, method=sp.bootstrap(3)), "method must be a sp.Method"),
+    "no key, Gaussian sum": (
+        lambda: sp.filter(MODEL, Y, method=sp.gspf(2, 10)),
+        "key is missing: a Gaussian-sum filter draws",
+    ),
+    "ancestors of a Gaussian sum": (
+        lambda: sp.filter(MODEL, Y, method=sp.gspf(2, 10), key=0, keep=("ancestors",)),
+        "keep has unknown name",
+    ),
+    "a Gaussian sum known exactly": (
+        lambda: sp.filter(known(), jnp.ones((2, 1)), method=sp.gmsppf(2, 10), key=0),
+        "initial has a singular covariance",
+    ),
+    "rts of a Gaussian sum": (lambda: sp.smooth(MODEL, Y, method=sp.gspf(2, 10), key=0), "smoother must be"),
+    "nothing sampled": (lambda: sp.rao_blackwellised(10, ()), "sampled must be places or names"),
+    "sampled by particles": (lambda: sp.rao_blackwellised(10, (0,), sp.bootstrap(3)), "method must be a sp.Method"),
+    "sampled by another name": (
+        lambda: sp.filter(MODEL, Y, method=sp.rao_blackwellised(10, ("tone",)), key=0),
+        "sampled must be .* got 'tone'",
+    ),
+    "sampled out of place": (
+        lambda: sp.filter(MODEL, Y, method=sp.rao_blackwellised(10, (3,)), key=0),
+        "sampled must be places from 0 to 0",
     ),
 }

@@ -1,5 +1,7 @@
 """A linear model of one state, its exact answer, and a particle filter of every make."""
 
+from typing import Any
+
 import jax.numpy as jnp
 
 import sigmapoint as sp
@@ -15,7 +17,7 @@ Y = jnp.array([[1.5], [jnp.nan], [0.4], [-1.0], [-0.2], [1.1]])
 EXACT = sp.filter(MODEL, Y)
 
 
-def makes(N: int) -> dict[str, sp.ParticleMethod]:
+def makes(N: int) -> dict[str, Any]:
     """Every kind of proposal, selection and move."""
     guided = sp.proposals.guided(sp.srcdkf())
     return {
@@ -29,6 +31,7 @@ def makes(N: int) -> dict[str, sp.ParticleMethod]:
         "auxiliary": sp.auxiliary(sp.bootstrap(N)),
         "auxiliary upf": sp.auxiliary(sp.upf(N)),
         "fully adapted": sp.auxiliary(sp.particle_filter(N, proposal=guided, threshold=1.0)),
+        "Rao-Blackwellised": sp.rao_blackwellised(N, (0,)),
         "moved": sp.particle_filter(N, threshold=1.0, move=sp.moves.random_walk()),
         "moved upf": sp.particle_filter(
             N, proposal=sp.proposals.carried(sp.srukf()), threshold=1.0, move=sp.moves.independence()

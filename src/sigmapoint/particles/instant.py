@@ -7,9 +7,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from sigmapoint.carry import Functions
+from sigmapoint.linalg import cholesky, solve_lower
 from sigmapoint.particles.normals import normals
 from sigmapoint.particles.state import ParticleState
 from sigmapoint.system import System, initial, measured
+
+
+class Surprise(NamedTuple):
+    """Innovation (NaN where nothing was measured), its covariance and NIS."""
+
+    innovation: Float[Array, " m"]
+    innovation_cov: Float[Array, "m m"]
+    nis: Float[Array, ""]
 
 
 class Instant(NamedTuple):
@@ -31,6 +40,16 @@ class Instant(NamedTuple):
     def expected(self, points: Float[Array, "N d"]) -> Float[Array, "N e"]:
         """What would be measured at each point, but for the noise."""
         return jax.vmap(lambda x: self.functions.h(x, self.u))(points)
+
+    def surprise(self, mean: Float[Array, " e"], S: Float[Array, "m m"]) -> "Surprise":
+        """The measurement beside its prediction, the noise included."""
+        innovation = self.functions.innovation(self.y, mean, self.active)
+        # What has no finite variance surprises nobody.
+        informative = self.active & jnp.isfinite(jnp.diagonal(S))
+        pairs = informative[:, None] & informative[None, :]
+        factor = cholesky(jnp.where(pairs, S, jnp.eye(S.shape[0], dtype=S.dtype)))
+        nis = jnp.sum(solve_lower(factor, jnp.where(informative, innovation, 0.0)) ** 2)
+        return Surprise(jnp.where(self.active, innovation, jnp.nan), S, nis)
 
     def log_likelihood(self, points: Float[Array, "N d"]) -> Float[Array, " N"]:
         """Logarithm of the density of the measurement at each point; 0 where nothing was measured."""

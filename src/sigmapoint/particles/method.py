@@ -51,13 +51,18 @@ class ParticleMethod:
 
     def random(self, key: Any) -> Array:
         """The key of a run."""
-        if key is None:
-            raise ValueError("key is missing: a particle filter draws; pass key=jax.random.key(seed), or a seed")
-        return checks.key("key", key)
+        return drawing("a particle filter", key)
 
     def ready(self, model: StateSpaceModel, key: Array | None = None) -> ParticleFilter:
         """The model made ready."""
         return ParticleFilter.of(model, self, key)
+
+
+def drawing(what: str, key: Any) -> Array:
+    """The key of a run, without which a method that draws cannot be."""
+    if key is None:
+        raise ValueError(f"key is missing: {what} draws; pass key=jax.random.key(seed), or a seed")
+    return checks.key("key", key)
 
 
 def particle_filter(

@@ -28,7 +28,7 @@ class ParticlePosterior(Posterior):
     ess: Float[Array, "*B T"] | None
     particles: Float[Array, "*B T N d"] | None
     log_weights: Float[Array, "*B T N"] | None
-    ancestors: Int[Array, "*B T N"] | None
+    ancestors: Int[Array, "*B T N"] | None = None
 
     @classmethod
     def of(cls, model: Any, y: Array, u: Any, kept: dict[str, Array]) -> Any:
@@ -44,3 +44,14 @@ class ParticlePosterior(Posterior):
                 stacklevel=3,
             )
         return super().of(model, y, u, kept)
+
+
+class GaussianSumPosterior(ParticlePosterior):
+    """Beliefs over a series as mixtures of Gaussians, and the weighted particles that these were found in.
+
+    Attributes:
+        mean, cov, std: of the mixtures.
+        ess, particles, log_weights, log_likelihood: as of a `ParticlePosterior`; particles have no ancestors.
+    """
+
+    FIELDS: ClassVar[tuple[str, ...]] = (*FIELDS, "particles", "log_weights")

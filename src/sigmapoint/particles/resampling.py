@@ -35,19 +35,18 @@ def _weights(log_weights: Float[Array, " N"]) -> Float[Array, " N"]:
     return jnp.exp(log_weights - jnp.max(log_weights))
 
 
-def _ancestors(ends: Int[Array, " N"], weights: Float[Array, " N"]) -> Int[Array, " N"]:
+def _ancestors(ends: Int[Array, " K"], weights: Float[Array, " K"], count: int) -> Int[Array, " N"]:
     """Who is copied where, from the number of copies up to and with each particle.
 
     Each is written where its copies begin, and holds up to the next.
     """
-    N = ends.shape[0]
     begins = jnp.concatenate([jnp.zeros_like(ends[:1]), ends[:-1]])
-    own = jnp.where((weights > 0) & (ends > begins), jnp.arange(N, dtype=ends.dtype), 0)
-    return running_max(jnp.zeros(N, ends.dtype).at[begins].max(own, mode="drop"))
+    own = jnp.where((weights > 0) & (ends > begins), jnp.arange(ends.shape[0], dtype=ends.dtype), 0)
+    return running_max(jnp.zeros(count, ends.dtype).at[begins].max(own, mode="drop"))
 
 
-def systematic(key: Array, log_weights: Float[Array, " N"]) -> Int[Array, " N"]:
-    """One draw for all strata: the fewest changes of any scheme.
+def systematic(key: Array, log_weights: Float[Array, " K"], count: int | None = None) -> Int[Array, " N"]:
+    """One draw for all strata: the fewest changes of any scheme. `count` copies; as many as there were if not given.
 
     Examples:
         >>> import jax, jax.numpy as jnp, sigmapoint as sp
@@ -55,10 +54,10 @@ def systematic(key: Array, log_weights: Float[Array, " N"]) -> Int[Array, " N"]:
         [0, 1, 1, 1]
     """
     weights = _weights(log_weights)
-    N = weights.shape[0]
+    N = weights.shape[0] if count is None else count
     offset = jax.random.uniform(key, (), weights.dtype)
     ends = jnp.ceil(N * _cumulative(weights) - offset).astype(jnp.int32)
-    return _ancestors(ends, weights)
+    return _ancestors(ends, weights, N)
 
 
 def stratified(key: Array, log_weights: Float[Array, " N"]) -> Int[Array, " N"]:
@@ -76,7 +75,7 @@ def stratified(key: Array, log_weights: Float[Array, " N"]) -> Int[Array, " N"]:
     whole = jnp.minimum(jnp.floor(reached), N - 1.0)
     stratum = whole.astype(jnp.int32)
     ends = stratum + (offsets[stratum] < reached - whole).astype(jnp.int32)
-    return _ancestors(ends, weights)
+    return _ancestors(ends, weights, N)
 
 
 def multinomial(key: Array, log_weights: Float[Array, " N"]) -> Int[Array, " N"]:
@@ -90,7 +89,7 @@ def multinomial(key: Array, log_weights: Float[Array, " N"]) -> Int[Array, " N"]
     weights = _weights(log_weights)
     N = weights.shape[0]
     ends = _below(_cumulative(weights), _sorted_uniforms(key, N, jnp.asarray(N), weights.dtype))
-    return _ancestors(ends, weights)
+    return _ancestors(ends, weights, N)
 
 
 def residual(key: Array, log_weights: Float[Array, " N"]) -> Int[Array, " N"]:
@@ -111,7 +110,7 @@ def residual(key: Array, log_weights: Float[Array, " N"]) -> Int[Array, " N"]:
     share = _cumulative(jnp.where(jnp.sum(rest) > 0, rest, jnp.ones_like(rest)))
     drawn = _below(share, _sorted_uniforms(key, N, left, weights.dtype))
     ends = jnp.cumsum(certain.astype(jnp.int32)) + drawn
-    return _ancestors(ends.astype(jnp.int32), weights)
+    return _ancestors(ends.astype(jnp.int32), weights, N)
 
 
 def _sorted_uniforms(key: Array, N: int, count: Int[Array, ""], dtype: jnp.dtype) -> Float[Array, " N"]:

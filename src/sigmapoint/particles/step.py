@@ -11,9 +11,8 @@ from jaxtyping import Array, Float
 
 from sigmapoint.densities import finite_part
 from sigmapoint.entering import NoiseSeries
-from sigmapoint.linalg import cholesky, solve_lower
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.particles.instant import Instant
+from sigmapoint.particles.instant import Instant, Surprise
 from sigmapoint.particles.moves import Setting
 from sigmapoint.particles.normals import normals
 from sigmapoint.particles.proposal import Drawn, Prospect
@@ -85,20 +84,13 @@ class ParticleFilter(NamedTuple):
         origin = after.origin._replace(fresh=after.origin.fresh & ~at.active.any())
         return after.replace(origin=origin, count=state.count + 1), info
 
-    def _predicted(self, at: Instant, state: ParticleState) -> tuple[Array, Array, Array]:
-        """Innovation, its covariance and NIS, by the particles before the measurement."""
-        space, active = at.functions.observation_space, at.active
+    def _predicted(self, at: Instant, state: ParticleState) -> Surprise:
+        """The measurement as the particles predicted it."""
+        space = at.functions.observation_space
         expected = moments(at.expected(state.particles), state.log_weights, space)
         noise: Any = self.observation.at(state.step)
         mean = space.retract(expected.mean, finite_part(noise.mean, 0.0))
-        innovation = at.functions.innovation(at.y, mean, active)
-        S = expected.cov + noise.spread.cov
-        # What has no finite variance surprises nobody.
-        informative = active & jnp.isfinite(jnp.diagonal(S))
-        pairs = informative[:, None] & informative[None, :]
-        factor = cholesky(jnp.where(pairs, S, jnp.eye(S.shape[0], dtype=S.dtype)))
-        nis = jnp.sum(solve_lower(factor, jnp.where(informative, innovation, 0.0)) ** 2)
-        return jnp.where(active, innovation, jnp.nan), S, nis
+        return at.surprise(mean, expected.cov + noise.spread.cov)
 
     def _moved(self, at: Instant, state: ParticleState, prospect: Prospect, drawn: Drawn) -> ParticleState:
         """Resampled where it is time to, and the copies moved apart."""

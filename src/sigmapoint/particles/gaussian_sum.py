@@ -1,0 +1,218 @@
+"""Gaussian-sum filters: a mixture of Gaussians as belief, each of its components a sigma-point filter.
+
+Time takes each component on, with each of the process noise's; a measurement updates each, with each of the
+observation noise's. From the mixture of what they become particles are drawn and weighed by the densities themselves,
+and a mixture is found in them again (`recovery`). Source: van der Merwe & Wan, "Gaussian mixture sigma-point particle
+filters" (2003); Kotecha & Djurić, "Gaussian sum particle filtering" (2003).
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from sigmapoint.densities import components
+from sigmapoint.entering import NoiseSeries
+from sigmapoint.linalg import cholesky, solve_lower
+from sigmapoint.model import StateSpaceModel
+from sigmapoint.particles.expectation_maximization import about, fitted
+from sigmapoint.particles.instant import Instant, Surprise
+from sigmapoint.particles.mixture import Mixture, together
+from sigmapoint.particles.normals import normals
+from sigmapoint.particles.state import ParticleInfo
+from sigmapoint.particles.weights import effective, even, weighed
+from sigmapoint.spaces import Space
+from sigmapoint.step import Filter
+from sigmapoint.system import System, initial
+
+PLACES, DRAWN = range(2)
+"""What random numbers are for."""
+SETTLED = 20
+"""Iterations in which the mixture for the initial belief is found."""
+
+
+class GaussianSumState(eqx.Module):
+    """What a Gaussian-sum filter knows at instant `step`.
+
+    Attributes:
+        mixture: the belief: `log_weights` (G,), `mean` (G, d) and `factor` (G, n, n) of its components.
+        particles: draws (N, d) that it was found in, in the units of the state.
+        log_weights: logarithms of their weights (N,), which sum to one.
+        key: of the draws to come, with `count` as their number.
+        step: the instant.
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x[:1], jnp.eye(2), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(2), jnp.eye(2)))
+        >>> state = sp.online(model, sp.gmsppf(3, 300)).init(key=0)
+        >>> state.mixture.mean.shape, state.particles.shape, state.cov.shape
+        ((3, 2), (300, 2), (2, 2))
+    """
+
+    mixture: Mixture
+    particles: Float[Array, "N d"]
+    log_weights: Float[Array, " N"]
+    key: Array
+    count: Int[Array, ""]
+    step: Int[Array, ""]
+    space: Space = eqx.field(static=True)
+
+    @property
+    def mean(self) -> Float[Array, " d"]:
+        """Mean of the state, in its units."""
+        return self.mixture.moments(self.space).mean
+
+    @property
+    def cov(self) -> Float[Array, "n n"]:
+        """Covariance of the state, in products of its units."""
+        return self.mixture.moments(self.space).cov
+
+    @property
+    def std(self) -> Float[Array, " n"]:
+        """Standard deviations of the state's elements, in their units."""
+        return self.mixture.moments(self.space).std
+
+    @property
+    def ess(self) -> Float[Array, ""]:
+        """Effective sample size, from 1 to the number of particles."""
+        return effective(self.log_weights)
+
+    def random(self, purpose: int) -> Array:
+        """The key of this operation for one purpose."""
+        return jax.random.fold_in(jax.random.fold_in(self.key, self.count), purpose)
+
+
+class Part(NamedTuple):
+    """A Gaussian filter for one component of a noise, and the logarithm of that one's weight."""
+
+    log_weight: Float[Array, ""]
+    filter: Filter
+
+
+class GaussianSumFilter(NamedTuple):
+    """A model made ready for a Gaussian-sum method."""
+
+    model: StateSpaceModel
+    method: Any
+    process: NoiseSeries
+    observation: NoiseSeries
+    whole: Filter
+    """by the moments of the noises"""
+    ahead: tuple[Part, ...]
+    """for each component of the process noise"""
+    given: tuple[Part, ...]
+    """for each component of the observation noise"""
+    key: Array | None
+
+    @classmethod
+    def of(cls, model: StateSpaceModel, method: Any, key: Array | None) -> "GaussianSumFilter":
+        _, process, observation = System.of(model)
+        parts = (_parts(model, method.method, name) for name in ("process_noise", "observation_noise"))
+        return cls(model, method, process, observation, Filter.of(model, method.method), *parts, key)
+
+    def init(self) -> GaussianSumState:
+        """A mixture for the initial belief, at instant 0: found in draws that have just its moments."""
+        N, G, space = self.method.particles, self.method.components, self.model.state_space
+        belief = self.model.initial
+        assert self.key is not None
+        steps = initial(self.model).draws(jax.random.fold_in(self.key, PLACES), N, normals)
+        steps = _with_covariance(steps, belief.cov.astype(steps.dtype))
+        particles = jax.vmap(lambda step: space.retract(belief.mean, step))(steps)
+        log_weights = even(N, belief.mean.dtype)
+        start = about(particles[:: N // G][:G], belief.cov.astype(belief.mean.dtype))
+        mixture = fitted(particles, log_weights, start, SETTLED, space)
+        nought = jnp.zeros((), int)
+        return GaussianSumState(mixture, particles, log_weights, self.key, nought + 1, nought, space)
+
+    def predict(self, state: GaussianSumState, u: Any) -> GaussianSumState:
+        """The mixture about the next instant, and draws of it."""
+
+        def taken_on(part: Part) -> Mixture:
+            def one(mean: Array, factor: Array) -> tuple[Array, Array]:
+                belief = part.filter.predict(self._component(mean, factor, state.step), u).belief
+                return belief.mean, belief.factor
+
+            means, factors = jax.vmap(one)(state.mixture.mean, state.mixture.factor)
+            return Mixture(state.mixture.log_weights + part.log_weight, means, factors)
+
+        every = jax.tree.map(lambda *a: jnp.concatenate(a), *map(taken_on, self.ahead))
+        mixture = every.reduced(self.method.components, state.space)
+        alike = jax.tree.map(lambda a: a[None], mixture)
+        sample = self.method.recovery.sample(state.random(DRAWN), mixture, alike, self.method.particles, state.space)
+        log_weights = weighed(jnp.zeros_like(sample.log_ratio), sample.log_ratio).log_weights
+        return GaussianSumState(
+            mixture, sample.particles, log_weights, state.key, state.count + 1, state.step + 1, state.space
+        )
+
+    def update(self, state: GaussianSumState, y: Float[Array, " e"], u: Any) -> tuple[GaussianSumState, ParticleInfo]:
+        """The mixture after a measurement; elements that are NaN were not measured."""
+        at = Instant.of(System(self.model, self.process, self.observation), state.step, y, u)
+        method, space = self.method, state.space
+
+        def updated(part: Part) -> Mixture:
+            def one(log_weight: Array, mean: Array, factor: Array) -> Mixture:
+                after, info = part.filter.update(self._component(mean, factor, state.step), y, u)
+                log_weight = log_weight + part.log_weight + info.log_likelihood
+                return Mixture(log_weight, after.belief.mean, after.belief.factor)
+
+            return jax.vmap(one)(*state.mixture)
+
+        proposal = jax.tree.map(lambda *a: jnp.stack(a), *map(updated, self.given))
+        sample = method.recovery.sample(state.random(DRAWN), state.mixture, proposal, method.particles, space)
+        log_joint = sample.log_ratio + at.log_likelihood(sample.particles)
+        log_weights, log_likelihood = weighed(jnp.zeros_like(log_joint), log_joint)
+        explained = log_likelihood > -jnp.inf
+        found = jax.lax.cond(
+            explained & at.active.any(),
+            lambda: (
+                method.recovery.mixture(sample, log_weights, method.components, space),
+                sample.particles,
+                log_weights,
+            ),
+            lambda: (state.mixture, state.particles, state.log_weights),
+        )
+        log_likelihood = jnp.where(at.active.any(), log_likelihood, 0.0)
+        ess = jnp.where(explained, effective(found[2]), 0.0)
+        info = ParticleInfo(*self._predicted(at, state), log_likelihood, ess)
+        return GaussianSumState(*found, state.key, state.count + 1, state.step, space), info
+
+    def _component(self, mean: Array, factor: Array, step: Array) -> Any:
+        """One component as a Gaussian filter knows it."""
+        return self.whole.about(self.method.method.belief.from_root(mean, factor), step)
+
+    def _predicted(self, at: Instant, state: GaussianSumState) -> Surprise:
+        """The measurement as the mixture predicted it."""
+
+        def one(mean: Array, factor: Array) -> tuple[Array, Array]:
+            return self.whole.expected(self._component(mean, factor, state.step), at.y, at.u)
+
+        means, covs = jax.vmap(one)(state.mixture.mean, state.mixture.factor)
+        whole = together(state.mixture.log_weights, means, covs, at.functions.observation_space)
+        return at.surprise(whole.mean, whole.cov)
+
+
+def _with_covariance(steps: Float[Array, "N n"], cov: Float[Array, "n n"]) -> Float[Array, "N n"]:
+    """Draws of mean zero, moved and stretched to have just this covariance; fewer than they take as they are."""
+    N, n = steps.shape
+    if n >= N:
+        return steps
+    apart = steps - steps.mean(0)[None]
+    white = solve_lower(cholesky(apart.T @ apart / N), apart.T, many=True)
+    return (cholesky(cov) @ white).T
+
+
+def _parts(model: StateSpaceModel, method: Any, name: str) -> tuple[Part, ...]:
+    """A filter for each component of a noise; one for all of it where it is no mixture."""
+    noise = getattr(model, name)
+    found = None if noise.distribution is None else components(noise.distribution)
+    if found is None:
+        return (Part(jnp.zeros((), model.initial.mean.dtype), Filter.of(model, method)),)
+    weights, each = found
+
+    def with_noise(cov: Array, mean: Array) -> Filter:
+        return Filter.of(eqx.tree_at(lambda m: getattr(m, name), model, type(noise)(cov, mean)), method)
+
+    return tuple(Part(jnp.log(w), with_noise(part.cov, part.mean)) for w, part in zip(weights, each))

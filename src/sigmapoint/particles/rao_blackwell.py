@@ -1,0 +1,178 @@
+"""Rao-Blackwellised particle filters: some elements of the state are drawn, the others stay Gaussian.
+
+Every particle is a history of the drawn elements z and a Gaussian filter's belief about the state given that history,
+in which z has no variance. Time takes the belief on; then z is drawn from its marginal and the belief conditioned on
+it, by which the others learn from how z has moved. A measurement updates the belief, and multiplies the particle's
+weight by the density that this belief predicted. Where the model is linear and Gaussian given z, nothing but z is
+approximated (Doucet, de Freitas, Murphy & Russell 2000; Schön, Gustafsson & Nordlund 2005).
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from sigmapoint.carry import known
+from sigmapoint.conditioning import Joint, condition
+from sigmapoint.model import StateSpaceModel
+from sigmapoint.native import applied
+from sigmapoint.particles.instant import Instant, Surprise
+from sigmapoint.particles.mixture import together
+from sigmapoint.particles.normals import normals
+from sigmapoint.particles.selection import uneven
+from sigmapoint.particles.state import ParticleInfo
+from sigmapoint.particles.weights import Cloud, effective, even, weighed
+from sigmapoint.rules.linearization import Linearization
+from sigmapoint.spaces import Space
+from sigmapoint.step import Filter, FilterState
+from sigmapoint.system import System
+
+RESAMPLED, DRAWN = range(2)
+"""What random numbers are for."""
+
+
+class RaoBlackwellisedState(eqx.Module):
+    """What a Rao-Blackwellised particle filter knows at instant `step`.
+
+    Attributes:
+        filters: the states of N Gaussian filters, one for each particle.
+        log_weights: logarithms of their weights (N,), which sum to one.
+        ancestors: for each, its place among the particles of the instant before (N,).
+        key: of the draws to come, with `count` as their number.
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x[:1], jnp.eye(2), jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(2), jnp.eye(2)))
+        >>> state = sp.online(model, sp.rao_blackwellised(100, (0,))).init(key=0)
+        >>> state.particles.shape, state.mean.shape, state.cov.shape
+        ((100, 2), (2,), (2, 2))
+    """
+
+    filters: FilterState
+    log_weights: Float[Array, " N"]
+    ancestors: Int[Array, " N"]
+    key: Array
+    count: Int[Array, ""]
+    space: Space = eqx.field(static=True)
+
+    @property
+    def step(self) -> Int[Array, ""]:
+        """The instant."""
+        return self.filters.step[0]
+
+    @property
+    def particles(self) -> Float[Array, "N d"]:
+        """The mean of each particle's belief: what was drawn, and what is expected of the others."""
+        return self.filters.belief.mean
+
+    @property
+    def mean(self) -> Float[Array, " d"]:
+        """Mean of the state, in its units."""
+        return self._moments.mean
+
+    @property
+    def cov(self) -> Float[Array, "n n"]:
+        """Covariance of the state, in products of its units."""
+        return self._moments.cov
+
+    @property
+    def std(self) -> Float[Array, " n"]:
+        """Standard deviations of the state's elements, in their units."""
+        return self._moments.std
+
+    @property
+    def ess(self) -> Float[Array, ""]:
+        """Effective sample size, from 1 to the number of particles."""
+        return effective(self.log_weights)
+
+    @property
+    def _moments(self) -> Cloud:
+        belief = self.filters.belief
+        covs = belief.factor @ jnp.swapaxes(belief.factor, 1, 2)
+        return together(self.log_weights, belief.mean, covs, self.space)
+
+    def random(self, purpose: int) -> Array:
+        """The key of this operation for one purpose."""
+        return jax.random.fold_in(jax.random.fold_in(self.key, self.count), purpose)
+
+
+class RaoBlackwellisedFilter(NamedTuple):
+    """A model made ready for a Rao-Blackwellised method."""
+
+    filter: Filter
+    method: Any
+    key: Array | None
+
+    @property
+    def model(self) -> StateSpaceModel:
+        """What is run."""
+        return self.filter.model
+
+    def init(self) -> RaoBlackwellisedState:
+        """Draws of the initial belief, at instant 0."""
+        assert self.key is not None
+        N, mean = self.method.particles, self.model.initial.mean
+        start = jax.tree.map(lambda a: jnp.broadcast_to(a, (N, *a.shape)), self.filter.init())
+        filters = self._drawn(jax.random.fold_in(self.key, 0), start)
+        every = jnp.arange(N, dtype=jnp.int32)
+        return RaoBlackwellisedState(
+            filters, even(N, mean.dtype), every, self.key, jnp.ones((), int), self.model.state_space
+        )
+
+    def predict(self, state: RaoBlackwellisedState, u: Any) -> RaoBlackwellisedState:
+        """Beliefs about the next instant, of the particles that are worth it, and draws from them."""
+        method = self.method
+        every = jnp.arange(method.particles, dtype=state.ancestors.dtype)
+
+        def chosen() -> tuple[FilterState, Array, Array]:
+            ancestors = method.resampling(state.random(RESAMPLED), state.log_weights)
+            filters = jax.tree.map(lambda a: a[ancestors], state.filters)
+            return filters, even(method.particles, state.log_weights.dtype), every[ancestors]
+
+        filters, log_weights, ancestors = jax.lax.cond(
+            uneven(method, state.log_weights), chosen, lambda: (state.filters, state.log_weights, every)
+        )
+        ahead = jax.vmap(lambda one: self.filter.predict(one, u))(filters)
+        drawn = self._drawn(state.random(DRAWN), ahead)
+        return RaoBlackwellisedState(drawn, log_weights, ancestors, state.key, state.count + 1, state.space)
+
+    def update(
+        self, state: RaoBlackwellisedState, y: Float[Array, " e"], u: Any
+    ) -> tuple[RaoBlackwellisedState, ParticleInfo]:
+        """Beliefs after a measurement; elements that are NaN were not measured."""
+        filters, infos = jax.vmap(lambda one: self.filter.update(one, y, u))(state.filters)
+        log_weights, log_likelihood = weighed(state.log_weights, infos.log_likelihood)
+        ess = jnp.where(log_likelihood > -jnp.inf, effective(log_weights), 0.0)
+        info = ParticleInfo(*self._predicted(state, y, u), log_likelihood, ess)
+        after = RaoBlackwellisedState(filters, log_weights, state.ancestors, state.key, state.count + 1, state.space)
+        return after, info
+
+    def _drawn(self, key: Array, filters: FilterState) -> FilterState:
+        """Each belief given a draw of the sampled elements from it."""
+        kind, space, places = (
+            self.method.method.belief,
+            self.model.state_space,
+            jnp.asarray(self.method.places(self.model)),
+        )
+        noise = normals(key, filters.belief.factor.shape[:2], filters.belief.mean.dtype)
+
+        def one(state: FilterState, noise: Array) -> FilterState:
+            belief, nothing = state.belief, jnp.zeros((places.shape[0], 0), noise.dtype)
+            slope = belief.factor[places]
+            zero = jnp.zeros_like(slope[:, 0])
+            joint = Joint(Linearization(zero, slope, nothing, zero, nothing), known(belief, noise.shape[0]), None)
+            given = condition(joint, applied(slope, noise)[:, None], jnp.ones(places.shape, bool), kind)
+            mean = space.retract(belief.mean, given.step[:, 0])
+            return self.filter.about(kind.from_root(mean, given.root), state.step)
+
+        return jax.vmap(one)(filters, noise)
+
+    def _predicted(self, state: RaoBlackwellisedState, y: Array, u: Any) -> Surprise:
+        """The measurement as the particles predicted it."""
+        at = Instant.of(System(self.model, self.filter.process, self.filter.observation), state.step, y, u)
+        means, covs = jax.vmap(lambda one: self.filter.expected(one, y, u))(state.filters)
+        whole = together(state.log_weights, means, covs, at.functions.observation_space)
+        return at.surprise(whole.mean, whole.cov)

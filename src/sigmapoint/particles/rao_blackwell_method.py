@@ -1,0 +1,107 @@
+"""Rao-Blackwellised particle filters as recipes."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from jaxtyping import Array
+
+from sigmapoint import checks
+from sigmapoint.methods import srukf
+from sigmapoint.model import StateSpaceModel
+from sigmapoint.particles.method import drawing
+from sigmapoint.particles.posterior import ParticlePosterior
+from sigmapoint.particles.rao_blackwell import RaoBlackwellisedFilter, RaoBlackwellisedState
+from sigmapoint.particles.resampling import Resampling, systematic
+from sigmapoint.step import Filter, Method
+
+
+@dataclass(frozen=True)
+class RaoBlackwellisedMethod:
+    """A Rao-Blackwellised particle filter; made by `rao_blackwellised`.
+
+    Args:
+        particles: how many.
+        sampled: elements of the state that are drawn, by place or by name.
+        method: the Gaussian filter of the others.
+        resampling: `(key, log_weights)` to ancestors.
+        threshold: share of `particles` below which the effective sample size leads to resampling.
+    """
+
+    particles: int
+    sampled: tuple[int | str, ...]
+    method: Method
+    resampling: Resampling
+    threshold: float
+
+    posterior: ClassVar[type[ParticlePosterior]] = ParticlePosterior
+    state: ClassVar[type] = RaoBlackwellisedState
+
+    def fits(self, model: StateSpaceModel) -> None:
+        """Raise where the model has no such elements."""
+        self.method.fits(model)
+        self.places(model)
+
+    def random(self, key: Any) -> Array:
+        """The key of a run."""
+        return drawing("a particle filter", key)
+
+    def ready(self, model: StateSpaceModel, key: Array | None = None) -> RaoBlackwellisedFilter:
+        """The model made ready."""
+        return RaoBlackwellisedFilter(Filter.of(model, self.method), self, key)
+
+    def places(self, model: StateSpaceModel) -> tuple[int, ...]:
+        """Of the sampled elements, in the order of the state."""
+        n, names = model.initial.cov.shape[-1], model.state_names
+        found = {names.index(s) if isinstance(s, str) and s in names else s for s in self.sampled}
+        for place in found:
+            if isinstance(place, str) or not 0 <= place < n:
+                raise ValueError(
+                    f"sampled must be places from 0 to {n - 1} or names out of {', '.join(names)}, got {place!r}"
+                )
+        return tuple(sorted(found))
+
+
+def rao_blackwellised(
+    particles: int,
+    sampled: tuple[int | str, ...],
+    method: Method | None = None,
+    *,
+    resampling: Resampling = systematic,
+    threshold: float = 0.5,
+) -> RaoBlackwellisedMethod:
+    """A particle filter that draws some elements of the state only; a Gaussian filter knows the others given these.
+
+    Args:
+        particles: how many.
+        sampled: elements of the state that are drawn, by place or by name: those that make the model nonlinear, or
+            whose belief is no Gaussian.
+        method: the Gaussian filter of the others; `srukf()` where not given. Exact where the model is linear and
+            Gaussian in them.
+        resampling: as for `particle_filter`.
+        threshold: as for `particle_filter`.
+
+    Returns:
+        A method for `filter`, `online`, `batch` and `compare`, which then need a `key`. Kept `particles` are the means
+        of the particles' beliefs.
+
+    Raises:
+        ValueError: fewer than one particle, nothing to draw, not a Gaussian filter.
+
+    Examples:
+        >>> import jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(  # a level that moves by a speed, seen through its square
+        ...     lambda x, u: jnp.array([x[0] + x[1], x[1]]), lambda x, u: x[:1] ** 2, 0.1 * jnp.eye(2), jnp.eye(1),
+        ...     sp.Gaussian(jnp.zeros(2), jnp.eye(2)), state_names=("level", "speed"))
+        >>> method = sp.rao_blackwellised(500, ("level",))
+        >>> post = sp.filter(model, jnp.full((5, 1), 4.0), method=method, key=0)
+        >>> post.mean.shape, bool(post.std[-1, 0] > 1)
+        ((5, 2), True)
+    """
+    particles, threshold = checks.whole("particles", particles, 1), checks.fraction("threshold", threshold)
+    sampled = (sampled,) if isinstance(sampled, int | str) else tuple(sampled)
+    if not sampled or not all(isinstance(s, int | str) and not isinstance(s, bool) for s in sampled):
+        raise ValueError(f"sampled must be places or names of elements of the state, got {sampled!r}")
+    method = srukf() if method is None else method
+    checks.instance("method", method, Method, "a sp.Method, a Gaussian filter such as sp.srukf()")
+    checks.function("resampling", resampling, "(key, log_weights)")
+    return RaoBlackwellisedMethod(particles, sampled, method, resampling, threshold)

@@ -1,0 +1,95 @@
+"""Gaussian-sum filters: the Kalman filter where there is one, both modes where there are two, mixtures as noises."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro.distributions as dist
+import pytest
+from particles.scalar_case import EXACT, MODEL, Y
+
+import sigmapoint as sp
+
+MAKES = {"gspf": lambda N: sp.gspf(4, N), "gmsppf": lambda N: sp.gmsppf(3, N)}
+SIZES = {64: 200, 1024: 50}
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_convergence_to_the_kalman_filter_is_of_order_one_half(name):
+    error = []
+    for N, count in SIZES.items():
+        keys = jax.random.split(jax.random.key(0), count)
+        method = MAKES[name](N)
+        post = jax.vmap(lambda key, method=method: sp.filter(MODEL, Y, method=method, key=key))(keys)
+        off = (np.asarray(post.mean) - np.asarray(EXACT.mean)) / np.asarray(EXACT.std)
+        error.append(np.sqrt(np.mean(off**2)))
+        # Consistent: as far off as the mixture is, which is found in a sample.
+        assert abs(np.exp(np.asarray(post.log_likelihood) - float(EXACT.log_likelihood)).mean() - 1) < 2 / np.sqrt(N)
+        np.testing.assert_allclose(np.asarray(post.innovation).mean(0), EXACT.innovation, atol=4 / np.sqrt(N * count))
+    slope = np.log(error[1] / error[0]) / np.log(16)
+    assert abs(slope + 0.5) < 0.12  # either error is known to 8 %
+    np.testing.assert_allclose(np.asarray(post.std).mean(0), EXACT.std, rtol=0.02)
+    np.testing.assert_allclose(np.asarray(post.innovation_cov).mean(0), EXACT.innovation_cov, rtol=0.03)
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_online_is_filter(name):
+    method = MAKES[name](200)
+    whole = sp.filter(MODEL, Y, method=method, key=3, keep=("mean", "particles", "log_weights"))
+    live = sp.online(MODEL, method)
+    state = live.init(key=3)
+    for k in range(3):
+        state, info = live.update(state, Y[k])
+        np.testing.assert_allclose(state.particles, whole.particles[k], rtol=1e-5, atol=1e-5)  # draws are of 32 bits
+        np.testing.assert_allclose(state.mean, whole.mean[k], rtol=1e-5)
+        np.testing.assert_allclose(info.ess, whole.ess[k], rtol=1e-5)
+        state = live.predict(state)
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_a_missing_row_leaves_the_prediction(name):
+    live = sp.online(MODEL, MAKES[name](100))
+    state = live.predict(live.update(live.init(key=0), [1.0])[0])
+    after, info = live.update(state, [jnp.nan])
+    for one, two in zip(jax.tree.leaves(after.mixture), jax.tree.leaves(state.mixture)):
+        np.testing.assert_array_equal(one, two)
+    assert float(info.log_likelihood) == 0
+    assert float(info.ess) > 0
+
+
+@pytest.mark.parametrize("name", MAKES)
+def test_where_no_particle_explains_a_measurement_the_mixture_stays_as_predicted(name):
+    y = np.array([[1.0], [1e200], [0.5]])
+    with pytest.warns(UserWarning, match="no particle explains the measurement of row 1"):
+        post = sp.filter(MODEL, y, method=MAKES[name](100), key=0)
+    assert float(post.log_likelihood) == -np.inf
+    assert float(post.ess[1]) == 0
+    assert np.isfinite(post.mean).all()
+    assert np.isfinite(post.std).all()
+
+
+TWO = dist.MixtureSameFamily(
+    dist.Categorical(jnp.array([0.6, 0.4])), dist.Normal(jnp.array([-1.0, 2.0]), jnp.array([0.3, 0.5]))
+)
+
+
+@pytest.mark.parametrize("name", ["gspf", "gmsppf"])
+@pytest.mark.parametrize("part", ["process_noise", "observation_noise"])
+def test_a_mixture_as_noise_is_taken_component_by_component(name, part):
+    """Against particles, of which there are many."""
+    noises = {"process_noise": 0.5 * jnp.eye(1), "observation_noise": 0.25 * jnp.eye(1)} | {part: TWO}
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, initial=MODEL.initial, **noises)
+        exact = sp.filter(model, Y, method=sp.bootstrap(100_000), key=1)
+        method = sp.gspf(8, 8000) if name == "gspf" else sp.gmsppf(8, 8000)
+        post = sp.filter(model, Y, method=method, key=0)
+    assert (np.abs(np.asarray(post.mean - exact.mean)) < 0.1 * np.asarray(exact.std)).all()
+    np.testing.assert_allclose(post.std, exact.std, rtol=0.1)
+    np.testing.assert_allclose(post.log_likelihood, exact.log_likelihood, atol=0.15)
+
+
+def test_saved_and_loaded_goes_on_as_before(tmp_path):
+    live = sp.online(MODEL, sp.gmsppf(2, 50))
+    state = live.predict(live.update(live.init(key=1), [1.0])[0])
+    sp.save(tmp_path / "state.npz", state)
+    resumed = sp.load(tmp_path / "state.npz", like=live.init(key=2))
+    np.testing.assert_array_equal(live.update(resumed, [0.5])[0].mean, live.update(state, [0.5])[0].mean)
