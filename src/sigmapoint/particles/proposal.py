@@ -14,11 +14,19 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
+import numpy as np
 from jaxtyping import Array, Float
 
+from sigmapoint import checks
+from sigmapoint.densities import finite_part
+from sigmapoint.entering import NoiseSeries
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.noise import Additive
 from sigmapoint.particles.instant import Instant
 from sigmapoint.particles.state import ParticleState
+
+INSTEAD = "use sp.bootstrap(...), which only draws it"
+Covariance = tuple[tuple[float, ...], ...]
 
 
 class Prospect(NamedTuple):
@@ -115,15 +123,71 @@ class FreshPrior(Prior):
         return self
 
 
-def prior() -> Prior:
+@dataclass(frozen=True)
+class GaussianPrior(Prior):
+    """The model with a Gaussian process noise of its own, blind to the measurement; made by `prior`."""
+
+    process_noise: Covariance
+
+    def fits(self, model: StateSpaceModel) -> None:
+        dense(model, "a proposal with a noise of its own")
+        self._noise(model).fits("process_noise of the proposal", model.initial.cov.shape[0], "state")
+
+    def draw(self, at: Instant, key: Array, state: ParticleState, prospect: Prospect) -> Drawn:
+        def anew() -> Drawn:
+            centre, system = state.origin.centre, at.system
+            process = NoiseSeries.of(self._noise(system.model), centre.dtype)
+            own = at._replace(system=system._replace(process=process))
+            particles = own.from_prior(key, centre)
+            log_p = at.log_likelihood(particles) + at.log_prior(particles, centre)
+            return Drawn(particles, log_p - own.log_prior(particles, centre), state.origin.proposal)
+
+        return where_usable(at, state, anew)
+
+    def afresh(self) -> Proposal:
+        return self
+
+    def _noise(self, model: StateSpaceModel) -> Additive:
+        return with_covariance(model.process_noise, self.process_noise)
+
+
+def prior(*, process_noise: Any = None) -> Prior:
     """The model itself: particles are drawn ahead, blind to the measurement to come.
 
+    Args:
+        process_noise: covariance (n, n) of a Gaussian that particles are drawn from in place of the process noise, with
+            its mean, their weights making up for it: wider, for a tail that few draws would reach, or where the noise
+            has a density but cannot be drawn well. The process noise itself if not given.
+
+    Raises:
+        ValueError: a covariance that is none.
+
     Examples:
-        >>> import sigmapoint as sp
+        >>> import jax.numpy as jnp, sigmapoint as sp
         >>> sp.particle_filter(100, proposal=sp.proposals.prior()) == sp.bootstrap(100)
         True
+        >>> sp.particle_filter(100, proposal=sp.proposals.prior(process_noise=4 * jnp.eye(1))).proposal
+        GaussianPrior(process_noise=((4.0,),))
     """
-    return Prior()
+    return Prior() if process_noise is None else GaussianPrior(covariance("process_noise", process_noise))
+
+
+def covariance(name: str, given: Any) -> Covariance:
+    """As numbers that can be compared and hashed."""
+    cov = checks.array(name, given)
+    checks.covariance(name, cov)
+    return tuple(tuple(row) for row in np.asarray(cov, float).tolist())
+
+
+def with_covariance(noise: Any, cov: Covariance) -> Additive:
+    """A Gaussian of this covariance with the mean of another noise, zero where that has none."""
+    return Additive(np.asarray(cov), finite_part(noise.mean, 0.0))
+
+
+def dense(model: StateSpaceModel, by: str) -> None:
+    """Raise where what the particles come from has no density."""
+    for name, noise in (("process_noise", model.process_noise), ("initial", Additive(model.initial))):
+        noise.dense(name, by, INSTEAD)
 
 
 def as_they_are(at: Instant, state: ParticleState) -> Drawn:
