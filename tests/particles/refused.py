@@ -62,7 +62,7 @@ REFUSED = {
         lambda: sp.filter(MODEL, Y, method=own(jnp.eye(2)), key=0),
         r"process_noise of the proposal must be \(1, 1\)",
     ),
-    "its own noise is none": (lambda: own(-jnp.eye(1)), "process_noise must be positive semi-definite"),
+    "its own noise is none": (lambda: own(-jnp.eye(1)), "process_noise has a negative variance"),
     "flat noise, moved": (
         lambda: sp.filter(FLAT, Y, method=sp.particle_filter(10, move=sp.moves.random_walk()), key=0),
         "process_noise has a singular covariance.*independence",

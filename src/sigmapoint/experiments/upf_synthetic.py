@@ -3,14 +3,15 @@
 Published (Wan & van der Merwe 2001, section 7.6.2, Table 7.1, Figure 7.20): mean and variance over 100 runs of what is
 called the mean square error, for 200 particles and residual resampling. "The superior performance of the unscented
 particle filter (UPF) is clearly evident." The scores are root mean square errors. Printed are the parameters of the
-UKF; the others are those of the program that N. de Freitas and R. van der Merwe passed on with the paper (17 August
-2000): Gaussian filters start from N(1, 3/4) and take the process noise to have variance 3/4 but no mean, which is 3/2;
-proposals have a Q of 7.5 (EKF) or 1.5 (UKF) and an R of 0.1; the MCMC step is one to a fresh draw of the proposal.
+UKF; the others are those of the program of N. de Freitas and R. van der Merwe (17 August 2000), of which copies are
+public: Gaussian filters start from N(1, 3/4) and take the process noise to have variance 3/4 but no mean, which is 3/2;
+proposals have a Q of 7.5 (EKF) or 1.5 (UKF) and an R of 0.1; the MCMC step is one to a fresh draw of the proposal. (Its
+proposals are weighed by the gamma density of x[t] − x[t−1]; here it is that of the noise.)
 
-And 1e-99 is added to every likelihood, against division by zero: as much as it is worth 21 standard deviations of the
-sensor from the measurement, or 0.04 to 0.13 in x. Where no particle of 200 comes as near, all weigh the same. With
-logarithms of weights the nearest wins, and there is nothing to divide by zero. So here are three tables: as published;
-with logarithms; and with filters that know the mean of the noise as well, which is the problem as it was posed.
+And 1e-99 is added to every likelihood, against division by zero. A measurement 22 standard deviations off is worth as
+much, or 0.03 to 0.14 in x. Where no particle of 200 comes as near, all weigh the same. With logarithms of weights the
+nearest wins, and there is nothing to divide by zero. So here are three tables: as published; with logarithms; and with
+filters that know the mean of the noise as well, which is the problem as it was posed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -84,7 +85,13 @@ def rows(results: Results) -> list[Row]:
         notes = {name: _note(case.methods[name][1], one.unexplained) for name, one in by.items()}
         for i, (quantity, of) in enumerate((("mean over runs", mean_of), ("variance over runs", spread_of))):
             said += [
-                _row(f"RMSE, {quantity}, {case.name}", name, of(one.rmse), notes[name], published.get(name, (None,) * 2)[i])
+                _row(
+                    f"RMSE, {quantity}, {case.name}",
+                    name,
+                    of(one.rmse),
+                    notes[name],
+                    published.get(name, (None,) * 2)[i],
+                )
                 for name, one in by.items()
             ]
     return said

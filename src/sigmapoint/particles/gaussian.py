@@ -71,9 +71,7 @@ class GaussianProposal:
 
     def fits(self, model: StateSpaceModel) -> None:
         dense(model, "a proposal that looks at the measurement")
-        own = self._own(model)
-        own.process_noise.fits("process_noise of the proposal", model.initial.cov.shape[0], "state")
-        self.method.fits(own)
+        self.method.fits(self._own(model))
 
     def ready(self, model: StateSpaceModel) -> Filter:
         return Filter.of(self._own(model), self.method)
@@ -114,7 +112,7 @@ class GaussianProposal:
         for name in ("process_noise", "observation_noise"):
             cov = getattr(self, name)
             if cov is not None:
-                own = with_covariance(getattr(model, name), cov)
+                own = with_covariance(name, getattr(model, name), cov)
                 model = eqx.tree_at(lambda m, name=name: getattr(m, name), model, own)
         return model
 

@@ -131,7 +131,7 @@ class GaussianPrior(Prior):
 
     def fits(self, model: StateSpaceModel) -> None:
         dense(model, "a proposal with a noise of its own")
-        self._noise(model).fits("process_noise of the proposal", model.initial.cov.shape[0], "state")
+        self._noise(model)
 
     def draw(self, at: Instant, key: Array, state: ParticleState, prospect: Prospect) -> Drawn:
         def anew() -> Drawn:
@@ -148,7 +148,7 @@ class GaussianPrior(Prior):
         return self
 
     def _noise(self, model: StateSpaceModel) -> Additive:
-        return with_covariance(model.process_noise, self.process_noise)
+        return with_covariance("process_noise", model.process_noise, self.process_noise)
 
 
 def prior(*, process_noise: Any = None) -> Prior:
@@ -179,9 +179,11 @@ def covariance(name: str, given: Any) -> Covariance:
     return tuple(tuple(row) for row in np.asarray(cov, float).tolist())
 
 
-def with_covariance(noise: Any, cov: Covariance) -> Additive:
+def with_covariance(name: str, noise: Any, cov: Covariance) -> Additive:
     """A Gaussian of this covariance with the mean of another noise, zero where that has none."""
-    return Additive(np.asarray(cov), finite_part(noise.mean, 0.0))
+    own = Additive(np.asarray(cov))
+    own.fits(f"{name} of the proposal", noise.mean.shape[-1], "noise")
+    return Additive(own.cov, finite_part(noise.mean, 0.0))
 
 
 def dense(model: StateSpaceModel, by: str) -> None:
