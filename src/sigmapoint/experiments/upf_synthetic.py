@@ -84,14 +84,9 @@ def rows(results: Results) -> list[Row]:
         published = PUBLISHED if case is results[0][0] else {}
         notes = {name: _note(case.methods[name][1], one.unexplained) for name, one in by.items()}
         for i, (quantity, of) in enumerate((("mean over runs", mean_of), ("variance over runs", spread_of))):
+            column = {name: both[i] for name, both in published.items()}
             said += [
-                _row(
-                    f"RMSE, {quantity}, {case.name}",
-                    name,
-                    of(one.rmse),
-                    notes[name],
-                    published.get(name, (None,) * 2)[i],
-                )
+                _row(f"RMSE, {quantity}, {case.name}", name, of(one.rmse), notes[name], column.get(name))
                 for name, one in by.items()
             ]
     return said
