@@ -24,6 +24,10 @@ def known():
     return model(initial=sp.Gaussian(jnp.zeros(1), jnp.zeros((1, 1))))
 
 
+def own(cov):
+    return sp.particle_filter(10, proposal=sp.proposals.prior(process_noise=cov))
+
+
 REFUSED = {
     "no key": (lambda: sp.filter(MODEL, Y, method=sp.bootstrap(10)), "key is missing: a particle filter draws"),
     "no key online": (lambda: sp.online(MODEL, sp.bootstrap(10)).init(), "key is missing"),
@@ -54,6 +58,15 @@ REFUSED = {
         "process_noise must be additive",
     ),
     "flat noise, guided": (lambda: sp.filter(FLAT, Y, method=sp.upf(10), key=0), "process_noise has a singular cov"),
+    "flat noise, drawn from another": (
+        lambda: sp.filter(FLAT, Y, method=own(jnp.eye(2)), key=0),
+        "process_noise has a singular covariance, and so no density, which a proposal with a noise of its own",
+    ),
+    "its own noise of another size": (
+        lambda: sp.filter(MODEL, Y, method=own(jnp.eye(2)), key=0),
+        r"process_noise of the proposal must be \(1, 1\)",
+    ),
+    "its own noise is none": (lambda: own(-jnp.eye(1)), "process_noise has a negative variance"),
     "flat noise, moved": (
         lambda: sp.filter(FLAT, Y, method=sp.particle_filter(10, move=sp.moves.random_walk()), key=0),
         "process_noise has a singular covariance.*independence",

@@ -22,6 +22,7 @@ def makes(N: int) -> dict[str, Any]:
     guided = sp.proposals.guided(sp.srcdkf())
     return {
         "bootstrap": sp.bootstrap(N),
+        "prior, its own noise": sp.particle_filter(N, proposal=sp.proposals.prior(process_noise=jnp.eye(1))),
         "ekpf": sp.ekpf(N),
         "upf": sp.upf(N),
         "carried, its own noise": sp.particle_filter(

@@ -98,6 +98,17 @@ def test_a_normal_distribution_is_a_gaussian():
         np.testing.assert_allclose(post.log_likelihood, exact.log_likelihood, atol=0.05)
 
 
+def test_a_proposal_with_a_covariance_of_its_own_keeps_the_mean_of_the_noise():
+    model = with_noises(process_noise=dist.Normal(3.0, 0.5**0.5))
+    y = sp.simulate(model, 6, key=2)[1]
+    exact, own = sp.filter(model, y), {"process_noise": jnp.eye(1)}
+    for proposal in (sp.proposals.prior(**own), sp.proposals.carried(sp.ekf(), **own)):
+        post = sp.filter(model, y, method=sp.particle_filter(10_000, proposal=proposal), key=0)
+        np.testing.assert_allclose(post.mean, exact.mean, atol=0.04)
+        # Drawn about the state without the mean, 4σ away, hardly a particle would count.
+        assert float(post.ess.min()) > 1000
+
+
 def test_a_heavy_tail_forgives_an_outlier():
     y = jnp.zeros((10, 1)).at[5].set(8.0)
     gaussian = sp.filter(with_noises(observation_noise=0.5 * jnp.eye(1)), y)

@@ -63,6 +63,9 @@ _ALL = (
     ),
     Experiment("battery-joint", "capacity and resistance of a real cell, with bars", _lazily("battery_joint")),
     Experiment(
+        "upf-synthetic", "particle filters with proposals of Kalman filters: gamma noise", _lazily("upf_synthetic")
+    ),
+    Experiment(
         "options",
         "interest rate and volatility from prices of options on an index",
         _lazily("options"),

@@ -32,6 +32,8 @@ class Found(NamedTuple):
     """rate and volatility, from those of the day as well"""
     std: Float[np.ndarray, "R T 2"]
     nis: Float[np.ndarray, "R T"]
+    drawn: Float[np.ndarray, "R T 2"] | None = None
+    """prices over strike, mean over the particles as drawn, all of the same weight"""
 
 
 Estimator = Callable[[Float[Array, "M T 2"], Quote, Array], Found]
@@ -99,6 +101,21 @@ def _found(model: StateSpaceModel, method: Method, prices: Float[Array, "M T 2"]
         return y - innovation, jax.vmap(options.prices)(mean, quote), mean, std, nis
 
     return Found(*map(np.asarray, jax.vmap(one)(prices, quotes)))
+
+
+def by_particles(method: sp.ParticleMethod) -> Estimator:
+    """By a particle filter."""
+
+    def found(prices: Float[Array, "M T 2"], quotes: Quote, keys: Array) -> Found:
+        y, quotes = jax.tree.map(lambda a: jnp.broadcast_to(a, (len(keys), *a.shape[1:])), (prices, quotes))
+        post = sp.batch(
+            options.model(), y, quotes, method, key=keys[0], keep=("mean", "std", "innovation", "nis", "particles")
+        )
+        drawn = jnp.mean(jax.vmap(jax.vmap(jax.vmap(options.prices, (0, None))))(post.particles, quotes), axis=2)
+        seen = jax.vmap(jax.vmap(options.prices))(post.mean, quotes)
+        return Found(*map(np.asarray, (y - post.innovation, seen, post.mean, post.std, post.nis, drawn)))
+
+    return found
 
 
 def errors(prices: Float[np.ndarray, "M T 2"], predicted: Float[np.ndarray, "R T 2"]) -> Float[np.ndarray, "R 2"]:

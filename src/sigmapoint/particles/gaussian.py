@@ -15,23 +15,26 @@ from typing import Any, Protocol, runtime_checkable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint import belief_checks, checks
+from sigmapoint import checks
 from sigmapoint.belief import Belief
 from sigmapoint.densities import LOG_2PI
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.noise import Additive
 from sigmapoint.particles.instant import Instant
 from sigmapoint.particles.normals import normals
-from sigmapoint.particles.proposal import Drawn, Prospect, where_usable
+from sigmapoint.particles.proposal import (
+    Covariance,
+    Drawn,
+    Prospect,
+    covariance,
+    dense,
+    where_usable,
+    with_covariance,
+)
 from sigmapoint.particles.state import ParticleState
 from sigmapoint.spaces import Space, same_elements
 from sigmapoint.step import Filter, FilterState, Method
-
-INSTEAD = "use sp.bootstrap(...), which only draws it"
-Covariance = tuple[tuple[float, ...], ...] | None
 
 
 @runtime_checkable
@@ -63,15 +66,12 @@ class GaussianProposal:
 
     method: Method
     spread: Spread
-    process_noise: Covariance = None
-    observation_noise: Covariance = None
+    process_noise: Covariance | None = None
+    observation_noise: Covariance | None = None
 
     def fits(self, model: StateSpaceModel) -> None:
-        for name, noise in (("process_noise", model.process_noise), ("initial", Additive(model.initial))):
-            noise.dense(name, "a proposal that looks at the measurement", INSTEAD)
-        own = self._own(model)
-        own.process_noise.fits("process_noise of the proposal", model.initial.cov.shape[0], "state")
-        self.method.fits(own)
+        dense(model, "a proposal that looks at the measurement")
+        self.method.fits(self._own(model))
 
     def ready(self, model: StateSpaceModel) -> Filter:
         return Filter.of(self._own(model), self.method)
@@ -108,11 +108,11 @@ class GaussianProposal:
         return self
 
     def _own(self, model: StateSpaceModel) -> StateSpaceModel:
-        """The model with the noises that the proposal takes them to be."""
+        """The model with the covariances that the proposal takes its noises to have."""
         for name in ("process_noise", "observation_noise"):
             cov = getattr(self, name)
             if cov is not None:
-                own = Additive(np.asarray(cov), distribution=None)
+                own = with_covariance(name, getattr(model, name), cov)
                 model = eqx.tree_at(lambda m, name=name: getattr(m, name), model, own)
         return model
 
@@ -134,13 +134,8 @@ def stretched(
     return jax.vmap(one)(mean, steps, centre)
 
 
-def _covariance(name: str, given: Any) -> Covariance:
-    """As numbers that can be compared and hashed."""
-    if given is None:
-        return None
-    cov = checks.array(name, given)
-    belief_checks.covariance(name, cov)
-    return tuple(tuple(row) for row in np.asarray(cov, float).tolist())
+def _covariance(name: str, given: Any) -> Covariance | None:
+    return None if given is None else covariance(name, given)
 
 
 def carried(method: Method, *, process_noise: Any = None, observation_noise: Any = None) -> GaussianProposal:

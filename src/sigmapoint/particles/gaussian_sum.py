@@ -110,8 +110,8 @@ class GaussianSumFilter(NamedTuple):
     @classmethod
     def of(cls, model: StateSpaceModel, method: Any, key: Array | None) -> "GaussianSumFilter":
         _, process, observation = System.of(model)
-        parts = (_parts(model, method.method, name) for name in ("process_noise", "observation_noise"))
-        return cls(model, method, process, observation, Filter.of(model, method.method), *parts, key)
+        ahead, given = (_parts(model, method.method, name) for name in ("process_noise", "observation_noise"))
+        return cls(model, method, process, observation, Filter.of(model, method.method), ahead, given, key)
 
     def init(self) -> GaussianSumState:
         """A mixture for the initial belief, at instant 0: found in draws that have just its moments."""
@@ -165,19 +165,17 @@ class GaussianSumFilter(NamedTuple):
         log_joint = sample.log_ratio + at.log_likelihood(sample.particles)
         log_weights, log_likelihood = weighed(jnp.zeros_like(log_joint), log_joint)
         explained = log_likelihood > -jnp.inf
-        found = jax.lax.cond(
-            explained & at.active.any(),
-            lambda: (
-                method.recovery.mixture(sample, log_weights, method.components, space),
-                sample.particles,
-                log_weights,
-            ),
-            lambda: (state.mixture, state.particles, state.log_weights),
+
+        def recovered() -> tuple[Mixture, Array, Array]:
+            mixture = method.recovery.mixture(sample, log_weights, method.components, space)
+            return mixture, sample.particles, log_weights
+
+        mixture, particles, kept = jax.lax.cond(
+            explained & at.active.any(), recovered, lambda: (state.mixture, state.particles, state.log_weights)
         )
-        log_likelihood = jnp.where(at.active.any(), log_likelihood, 0.0)
-        ess = jnp.where(explained, effective(found[2]), 0.0)
-        info = ParticleInfo(*self._predicted(at, state), log_likelihood, ess)
-        return GaussianSumState(*found, state.key, state.count + 1, state.step, space), info
+        ess = jnp.where(explained, effective(kept), 0.0)
+        info = ParticleInfo(*self._predicted(at, state), jnp.where(at.active.any(), log_likelihood, 0.0), ess)
+        return GaussianSumState(mixture, particles, kept, state.key, state.count + 1, state.step, space), info
 
     def _component(self, mean: Array, factor: Array, step: Array) -> Any:
         """One component as a Gaussian filter knows it."""

@@ -13,6 +13,7 @@ from sigmapoint.particles.gaussian_sum import GaussianSumFilter, GaussianSumStat
 from sigmapoint.particles.method import drawing
 from sigmapoint.particles.posterior import GaussianSumPosterior
 from sigmapoint.particles.recovery import ByComponent, ByExpectationMaximization, Recovery
+from sigmapoint.results import Posterior
 from sigmapoint.spaces import same_elements
 from sigmapoint.step import Method
 
@@ -33,7 +34,7 @@ class GaussianSumMethod:
     method: Method
     recovery: Recovery
 
-    posterior: ClassVar[type[GaussianSumPosterior]] = GaussianSumPosterior
+    posterior: ClassVar[type[Posterior]] = GaussianSumPosterior
     state: ClassVar[type] = GaussianSumState
 
     def fits(self, model: StateSpaceModel) -> None:

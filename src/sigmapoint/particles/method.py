@@ -17,6 +17,7 @@ from sigmapoint.particles.resampling import Resampling, systematic
 from sigmapoint.particles.selection import Afterwards, Ahead, Selection
 from sigmapoint.particles.state import ParticleState
 from sigmapoint.particles.step import ParticleFilter
+from sigmapoint.results import Posterior
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class ParticleMethod:
     move: Move | None
     selection: Selection
 
-    posterior: ClassVar[type[ParticlePosterior]] = ParticlePosterior
+    posterior: ClassVar[type[Posterior]] = ParticlePosterior
     state: ClassVar[type] = ParticleState
 
     def fits(self, model: StateSpaceModel) -> None:
@@ -187,7 +188,7 @@ def auxiliary(method: ParticleMethod) -> ParticleMethod:
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), 0.01 * jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
-        >>> adapted = sp.auxiliary(sp.particle_filter(100, proposal=sp.proposals.guided(sp.ekf()), threshold=1))
+        >>> adapted = sp.auxiliary(sp.particle_filter(100, proposal=sp.proposals.guided(sp.ekf()), threshold=1.0))
         >>> sp.filter(model, jnp.ones((3, 1)), method=adapted, key=0).ess.round().tolist()
         [100.0, 100.0, 100.0]
     """

@@ -9,11 +9,23 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from sigmapoint.entering import NoiseSeries
 from sigmapoint.methods import srukf
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.noise import Additive
 from sigmapoint.particles.gaussian import GaussianProposal, Guided
 from sigmapoint.particles.instant import Instant
-from sigmapoint.particles.proposal import Drawn, Proposal, Prospect, as_they_are, where_usable
+from sigmapoint.particles.proposal import (
+    Covariance,
+    Drawn,
+    Proposal,
+    Prospect,
+    as_they_are,
+    covariance,
+    dense,
+    where_usable,
+    with_covariance,
+)
 from sigmapoint.particles.state import ParticleState
 from sigmapoint.step import Filter, FilterState
 
@@ -40,8 +52,40 @@ class Prior:
     def draw(self, at: Instant, key: Array, state: ParticleState, prospect: Prospect) -> Drawn:
         return as_they_are(at, state)
 
+    def redrawn(self, at: Instant, key: Array, centre: Array) -> tuple[Array, Array]:
+        """Particles drawn anew from their origins, and the logarithm of their weights' ratio."""
+        particles = at.from_prior(key, centre)
+        return particles, at.log_likelihood(particles)
+
     def afresh(self) -> Proposal:
-        return FreshPrior()
+        return FreshPrior(self)
+
+
+@dataclass(frozen=True)
+class GaussianPrior(Prior):
+    """The model with a Gaussian process noise of its own, blind to the measurement; made by `prior`."""
+
+    process_noise: Covariance
+
+    def fits(self, model: StateSpaceModel) -> None:
+        dense(model, "a proposal with a noise of its own")
+        self._noise(model)
+
+    def draw(self, at: Instant, key: Array, state: ParticleState, prospect: Prospect) -> Drawn:
+        def anew() -> Drawn:
+            return Drawn(*self.redrawn(at, key, state.origin.centre), state.origin.proposal)
+
+        return where_usable(at, state, anew)
+
+    def redrawn(self, at: Instant, key: Array, centre: Array) -> tuple[Array, Array]:
+        process = NoiseSeries.of(self._noise(at.system.model), centre.dtype)
+        own = at._replace(system=at.system._replace(process=process))
+        particles = own.from_prior(key, centre)
+        log_p = at.log_likelihood(particles) + at.log_prior(particles, centre)
+        return particles, log_p - own.log_prior(particles, centre)
+
+    def _noise(self, model: StateSpaceModel) -> Additive:
+        return with_covariance("process_noise", model.process_noise, self.process_noise)
 
 
 @dataclass(frozen=True)
@@ -52,10 +96,12 @@ class FreshPrior:
     then have an infinite variance (Johansen & Doucet 2008).
     """
 
+    prior: Prior
     outlook: GaussianProposal = GaussianProposal(srukf(), Guided())  # noqa: RUF009 (frozen)
 
     def fits(self, model: StateSpaceModel) -> None:
         model.process_noise.added("process_noise", "sp.auxiliary(sp.bootstrap(...))", "use sp.bootstrap(...) as it is")
+        self.prior.fits(model)
         self.outlook.method.fits(model)
 
     def ready(self, model: StateSpaceModel) -> Filter:
@@ -72,8 +118,7 @@ class FreshPrior:
 
     def draw(self, at: Instant, key: Array, state: ParticleState, prospect: Prospect) -> Drawn:
         def anew() -> Drawn:
-            particles = at.from_prior(key, state.origin.centre)
-            return Drawn(particles, at.log_likelihood(particles), prospect.given)
+            return Drawn(*self.prior.redrawn(at, key, state.origin.centre), prospect.given)
 
         return where_usable(at, state, anew)
 
@@ -81,12 +126,22 @@ class FreshPrior:
         return self
 
 
-def prior() -> Prior:
+def prior(*, process_noise: Any = None) -> Prior:
     """The model itself: particles are drawn ahead, blind to the measurement to come.
 
+    Args:
+        process_noise: covariance (n, n) of a Gaussian that particles are drawn from in place of the process noise, with
+            its mean, their weights making up for it: wider, for a tail that few draws would reach, or where the noise
+            has a density but cannot be drawn well. The process noise itself if not given.
+
+    Raises:
+        ValueError: a covariance that is none.
+
     Examples:
-        >>> import sigmapoint as sp
+        >>> import jax.numpy as jnp, sigmapoint as sp
         >>> sp.particle_filter(100, proposal=sp.proposals.prior()) == sp.bootstrap(100)
         True
+        >>> sp.particle_filter(100, proposal=sp.proposals.prior(process_noise=4 * jnp.eye(1))).proposal
+        GaussianPrior(process_noise=((4.0,),))
     """
-    return Prior()
+    return Prior() if process_noise is None else GaussianPrior(covariance("process_noise", process_noise))

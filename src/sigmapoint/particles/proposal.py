@@ -13,11 +13,18 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
+import numpy as np
 from jaxtyping import Array, Float
 
+from sigmapoint import belief_checks, checks
+from sigmapoint.densities import finite_part
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.noise import Additive
 from sigmapoint.particles.instant import Instant
 from sigmapoint.particles.state import ParticleState
+
+INSTEAD = "use sp.bootstrap(...), which only draws it"
+Covariance = tuple[tuple[float, ...], ...]
 
 
 class Prospect(NamedTuple):
@@ -68,6 +75,26 @@ class Proposal(Protocol):
     def afresh(self) -> "Proposal":
         """The same, drawing anew when a measurement comes: copies of one origin must not be copies of one draw."""
         ...
+
+
+def covariance(name: str, given: Any) -> Covariance:
+    """As numbers that can be compared and hashed."""
+    cov = checks.array(name, given)
+    belief_checks.covariance(name, cov)
+    return tuple(tuple(row) for row in np.asarray(cov, float).tolist())
+
+
+def with_covariance(name: str, noise: Any, cov: Covariance) -> Additive:
+    """A Gaussian of this covariance with the mean of another noise, zero where that has none."""
+    own = Additive(np.asarray(cov))
+    own.fits(f"{name} of the proposal", noise.mean.shape[-1], "noise")
+    return Additive(own.cov, finite_part(noise.mean, 0.0))
+
+
+def dense(model: StateSpaceModel, by: str) -> None:
+    """Raise where what the particles come from has no density."""
+    for name, noise in (("process_noise", model.process_noise), ("initial", Additive(model.initial))):
+        noise.dense(name, by, INSTEAD)
 
 
 def as_they_are(at: Instant, state: ParticleState) -> Drawn:

@@ -12,6 +12,7 @@ from sigmapoint.particles.method import drawing
 from sigmapoint.particles.posterior import ParticlePosterior
 from sigmapoint.particles.rao_blackwell import RaoBlackwellisedFilter, RaoBlackwellisedState
 from sigmapoint.particles.resampling import Resampling, systematic
+from sigmapoint.results import Posterior
 from sigmapoint.step import Filter, Method
 
 
@@ -33,7 +34,7 @@ class RaoBlackwellisedMethod:
     resampling: Resampling
     threshold: float
 
-    posterior: ClassVar[type[ParticlePosterior]] = ParticlePosterior
+    posterior: ClassVar[type[Posterior]] = ParticlePosterior
     state: ClassVar[type] = RaoBlackwellisedState
 
     def fits(self, model: StateSpaceModel) -> None:
@@ -52,13 +53,15 @@ class RaoBlackwellisedMethod:
     def places(self, model: StateSpaceModel) -> tuple[int, ...]:
         """Of the sampled elements, in the order of the state."""
         n, names = model.initial.cov.shape[-1], model.state_names
-        found = {names.index(s) if isinstance(s, str) and s in names else s for s in self.sampled}
-        for place in found:
-            if isinstance(place, str) or not 0 <= place < n:
-                raise ValueError(
-                    f"sampled must be places from 0 to {n - 1} or names out of {', '.join(names)}, got {place!r}"
-                )
-        return tuple(sorted(found))
+
+        def place(one: int | str) -> int:
+            found = names.index(one) if one in names else one
+            if isinstance(found, str) or not 0 <= found < n:
+                listed = ", ".join(names)
+                raise ValueError(f"sampled must be places from 0 to {n - 1} or names out of {listed}, got {found!r}")
+            return found
+
+        return tuple(sorted({place(one) for one in self.sampled}))
 
 
 def rao_blackwellised(
