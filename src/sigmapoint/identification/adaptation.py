@@ -26,7 +26,7 @@ with 0.07 where its logarithm has a variance of 3.3 (Sherlock, Thiery, Roberts &
 """
 FIRST = 0.1
 """Steps at the beginning, in deviations of the prior: they grow faster than they shrink."""
-DECAY = 2 / 3
+DECAY = 0.6
 """How fast the gain falls with the number of the step."""
 
 
@@ -46,7 +46,7 @@ class Walked(NamedTuple):
 
 
 def gains(warmup: int, steps: int, size: int) -> Float[np.ndarray, " steps"]:
-    """How much each step teaches: min(1, L k^(−2/3)), and nothing after the warm-up."""
+    """How much each step teaches: min(1, L k^(−0.6)), and nothing after the warm-up."""
     number = np.arange(1, steps + 1)
     return np.where(number <= warmup, np.minimum(1.0, size * number**-DECAY), 0.0)
 

@@ -32,13 +32,6 @@ class Chains(NamedTuple):
     """of the estimated log-likelihood at one place, where the chains were after the warm-up"""
 
 
-def prior_draws(posterior: LogPosterior, key: Array, count: int) -> Float[Array, "count L"]:
-    """Parameters drawn from the prior."""
-    prior = posterior.unknowns.prior
-    white = jax.random.normal(key, (count, prior.mean.shape[0]), prior.mean.dtype)
-    return prior.mean[None] + white @ jnp.linalg.cholesky(prior.cov).T
-
-
 def starts(posterior: LogPosterior, key: Array, count: int) -> Point:
     """For each chain, the best of some draws of the prior.
 
@@ -46,7 +39,7 @@ def starts(posterior: LogPosterior, key: Array, count: int) -> Point:
         ValueError: none of them has a likelihood.
     """
     draw, run = jax.random.split(key)
-    z = prior_draws(posterior, draw, count * TRIED)
+    z = posterior.prior_draws(draw, count * TRIED)
     points = unwrapped(estimated, posterior, z, jax.random.split(run, count * TRIED))
     value = np.asarray(points.log_likelihood)
     value = np.where(np.isfinite(value), value, -np.inf)

@@ -73,13 +73,12 @@ class LogPosterior(eqx.Module):
             real = None if end is None else jnp.arange(T) < end
             return scan(self.method.ready(model, key), y, u, lambda state, info: None, real)[1:]
 
-        each, ahead = of_each(one, self.y, self.u, self._ends(until), keys)
+        ends = self.lengths if until is None else self.ends(until)
+        each, ahead = of_each(one, self.y, self.u, ends, keys)
         return jnp.where(_is_model(model), each.sum(), -jnp.inf).astype(z.dtype), ahead
 
-    def _ends(self, until: Array | None) -> Int[Array, " S"] | None:
-        """Where the series end, or earlier; nothing where all of them have every row."""
-        if until is None:
-            return self.lengths
+    def ends(self, until: Int[Array, ""]) -> Int[Array, " S"]:
+        """Where the series end, or `until` where that is earlier."""
         S, T = self.y.shape[:2]
         return jnp.minimum(jnp.full(S, T) if self.lengths is None else self.lengths, until)
 
@@ -88,6 +87,11 @@ class LogPosterior(eqx.Module):
         root = jnp.linalg.cholesky(self.unknowns.prior.cov)
         white = jax.scipy.linalg.solve_triangular(root, z - self.start, lower=True)
         return -0.5 * jnp.sum(white**2 + LOG_2PI) - jnp.sum(jnp.log(jnp.diagonal(root)))
+
+    def prior_draws(self, key: Array, count: int) -> Float[Array, "count L"]:
+        """Draws of z before any measurement."""
+        white = jax.random.normal(key, (count, self.unknowns.size), self.start.dtype)
+        return self.start[None] + white @ jnp.linalg.cholesky(self.unknowns.prior.cov).T
 
     def theta(self, z: Float[Array, " L"]) -> Any:
         """The parameters at z, in their own units."""
