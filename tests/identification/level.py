@@ -28,13 +28,13 @@ class Exact(NamedTuple):
     log_evidence: float
 
 
-def exact(y, sign=1.0):
-    """By a sum over a grid of z, which has a standard normal prior; for the persistence `sign` a."""
+def exact(y, theta=THETA):
+    """By a sum over a grid of z, which has a standard normal prior."""
     z = np.linspace(-5, 5, 201)
-    a = np.array([float(THETA["a"].range.value(THETA["a"].center, THETA["a"].std, jnp.asarray(at))) for at in z])
+    a = np.asarray(theta["a"].range.value(theta["a"].center, theta["a"].std, jnp.asarray(z)))
 
     def log_likelihood(a):
-        F, Qs, H, Rs = (np.full((len(y), 1, 1), value) for value in (sign * a, Q, 1.0, R))
+        F, Qs, H, Rs = (np.full((len(y), 1, 1), value) for value in (a, Q, 1.0, R))
         zero = np.zeros((len(y), 1))
         return kalman_filter(F, zero, Qs, H, zero, Rs, np.zeros(1), np.eye(1), np.asarray(y)).log_likelihood
 

@@ -10,33 +10,28 @@ import sigmapoint as sp
 from sigmapoint.identification import chains
 from sigmapoint.identification.chains import diagnosed
 
-FEW = {"warmup": 50, "samples": 50, "chains": 2}
+PARTICLES, GAUSSIAN = sp.bootstrap(60), sp.srekf()
 
 
-@pytest.mark.parametrize("method", [sp.bootstrap(60), sp.srekf()], ids=["particles", "gaussian"])
+@pytest.mark.parametrize("method", [PARTICLES, GAUSSIAN], ids=["particles", "gaussian"])
 def test_mean_and_deviation_are_those_of_the_exact_posterior(method):
-    found = sp.pmmh(build, THETA, Y, key=0, method=method, warmup=400, samples=1600)
+    found = sp.pmmh(build, THETA, Y, key=0, method=method, warmup=300, samples=700)
     truth, z = exact(Y), np.asarray(found.z)
     square = (z - truth.mean) ** 2
     # Four Monte Carlo standard errors, from the effective sample size of each.
     assert abs(z.mean() - truth.mean) < 4 * truth.std / np.sqrt(found.ess[0])
     assert abs(square.mean() - truth.std**2) < 4 * square.std() / np.sqrt(diagnosed(square)[0][0])
-    assert found.ess[0] > 300  # so that the above says something
+    assert found.ess[0] > 150  # so that the above says something
     assert found.r_hat[0] < 1.05
     assert 0.1 < found.acceptance_rate < 0.5
 
 
 def test_too_few_particles_are_warned_of():
-    def exacting(theta):
-        one = jnp.eye(1)
-        start = sp.Gaussian(jnp.zeros(1), one)
-        return sp.StateSpaceModel(lambda x, u: theta["a"] * x, lambda x, u: x, one, 0.01 * one, start)
-
     with (
         pytest.warns(UserWarning, match="chains do not agree on a "),
         pytest.warns(UserWarning, match=r"has a variance of \d.*beyond 3 they hardly move: give the method more part"),
     ):
-        found = sp.pmmh(exacting, THETA, Y, key=0, method=sp.bootstrap(10), **FEW)
+        found = sp.pmmh(build, THETA, 20 * Y, key=0, method=PARTICLES, warmup=50, samples=50)
     assert not found.agree
 
 
@@ -56,23 +51,19 @@ def interrupted(monkeypatch, call):
 def test_what_was_sampled_before_ctrl_c_is_returned(monkeypatch):
     interrupted(monkeypatch, call=4)
     with pytest.warns(UserWarning, match="interrupted; the first 80 of 10000 samples are returned"):
-        found = sp.pmmh(build, THETA, Y, key=0, method=sp.srekf(), warmup=70, samples=10_000, chains=2)
-    assert found.z.shape == (2, 80, 1)
+        found = sp.pmmh(build, THETA, Y, key=0, method=GAUSSIAN, warmup=70, samples=10_000)
+    assert found.z.shape == (4, 80, 1)
     interrupted(monkeypatch, call=1)
     with pytest.raises(KeyboardInterrupt):
-        sp.pmmh(build, THETA, Y, key=0, method=sp.srekf(), warmup=70, samples=10_000, chains=2)
+        sp.pmmh(build, THETA, Y, key=0, method=GAUSSIAN, warmup=70, samples=10_000)
 
 
 def test_a_prior_without_a_likelihood_is_named():
-    def undefined(theta):
-        one = jnp.eye(1)
-        start = sp.Gaussian(jnp.zeros(1), one)
-        return sp.StateSpaceModel(lambda x, u: jnp.log(-theta) * x, lambda x, u: x, one, one, start)
-
-    with pytest.raises(ValueError, match="pmmh: the log-likelihood is not finite at any of 16 draws of theta"):
-        sp.pmmh(undefined, sp.positive(1.0, 0.1), Y, key=0, method=sp.srekf(), chains=1)
+    with pytest.raises(ValueError, match="pmmh: the log-likelihood is not finite at any of 64 draws of theta"):
+        sp.pmmh(build, THETA, Y.at[7].set(1e200), key=0, method=PARTICLES)
 
 
+@pytest.mark.slow
 def test_single_precision_stays():
     def single(theta):
         one = jnp.eye(1, dtype=jnp.float32)
@@ -80,8 +71,7 @@ def test_single_precision_stays():
         return sp.StateSpaceModel(lambda x, u: theta["a"] * x, lambda x, u: x, 0.5 * one, 0.3 * one, start)
 
     theta = jax.tree.map(lambda a: a.astype(jnp.float32), THETA)
-    with pytest.warns(UserWarning, match="do not agree"):
-        found = sp.pmmh(single, theta, Y.astype(jnp.float32), key=0, method=sp.bootstrap(30), **FEW)
+    found = sp.pmmh(single, theta, Y.astype(jnp.float32), key=0, method=PARTICLES, warmup=100, samples=100)
     assert found.z.dtype == found.log_likelihood.dtype == jnp.float32
     assert np.isfinite(found.z).all()
 
@@ -93,9 +83,7 @@ def test_single_precision_stays():
         ({"y": Y[:, 0]}, r"y must be \(T, m\)"),
         ({"y": Y + np.nan}, "y has no measurements"),
         ({"u": np.zeros(3)}, "u must have one row for each of the 20 rows of y"),
-        ({"method": sp.bootstrap}, "method must be a sp.Method such as .* or a particle filter"),
-        ({"key": None}, "key must be jax.random.key"),
-        ({"key": 0.5}, "key must be jax.random.key"),
+        ({"key": jnp.zeros(2)}, "key must be jax.random.key"),
         ({"samples": 3}, "samples must be a whole number of at least 4"),
         ({"warmup": -1}, "warmup must be a whole number of at least 0"),
         ({"chains": 0}, "chains must be a whole number of at least 1"),

@@ -13,7 +13,7 @@ from sigmapoint.identification.chains import diagnosed
 from sigmapoint.identification.likelihood import posterior_of
 from sigmapoint.identification.pseudo_marginal import Point, moved
 
-SERIES = [Y, Y[:13], Y[:7]]
+SERIES = [Y, Y[:7]]
 Z = jnp.array([0.4])
 
 
@@ -55,19 +55,15 @@ def test_the_chain_is_exact_as_it_keeps_the_estimate_of_where_it_is(posterior):
     assert abs(deviations(chain(posterior, again=True))) > 20
 
 
-def test_every_series_draws_with_a_key_of_its_own(posterior):
-    key = jax.random.key(3)
+def test_every_series_draws_with_a_key_of_its_own_and_may_end_early(posterior):
+    key, until = jax.random.key(3), jnp.asarray(7)
     model = build(posterior.theta(Z))
-    keys = jax.random.split(key, 3)
-    each = [sp.filter(model, y, method=sp.bootstrap(20), key=k, keep=()).log_likelihood for y, k in zip(SERIES, keys)]
-    assert posterior.log_likelihood(Z, key) == pytest.approx(float(sum(each)), rel=1e-12)
-
-
-def test_rows_up_to_one_are_a_shorter_series(posterior):
-    key = jax.random.key(3)
-    short = posterior_of(build, THETA, [y[:9] for y in SERIES], None, sp.bootstrap(20), fitting)
-    some = jax.jit(lambda z, key, until: posterior.filtered(z, key, until)[0])(Z, key, jnp.asarray(9))
-    assert some == pytest.approx(float(short.log_likelihood(Z, key)), rel=1e-12)
+    keys = jax.random.split(key)
+    each = [sp.filter(model, Y[:7], method=sp.bootstrap(20), key=k, keep=()).log_likelihood for k in keys]
+    some, ahead = jax.jit(lambda z, key: posterior.filtered(z, key, until))(Z, key)
+    assert some == pytest.approx(float(sum(each)), rel=1e-12)
+    assert each[0] != each[1]
+    assert (ahead.step == 7).all()
 
 
 def test_steps_learn_along_the_direction_they_took():

@@ -90,5 +90,10 @@ def diagnosed(z: Float[np.ndarray, "C M L"]) -> tuple[Float[np.ndarray, " L"], F
     """Effective sample size and R̂ of each parameter."""
     # blackjax promotes types and ranks on the way, which a user may have forbidden.
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        draws = jnp.asarray(z)
-        return np.atleast_1d(diagnostics.ess_bulk(draws)), np.atleast_1d(diagnostics.rhat(draws))
+        ess, r_hat = _diagnosed(jnp.asarray(z))
+    return np.atleast_1d(ess), np.atleast_1d(r_hat)
+
+
+@jax.jit
+def _diagnosed(z: Float[Array, "C M L"]) -> tuple[Array, Array]:
+    return diagnostics.ess_bulk(z), diagnostics.rhat(z)
