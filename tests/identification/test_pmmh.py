@@ -1,4 +1,4 @@
-"""Samples by particle marginal Metropolis–Hastings against the exact posterior; what is refused and what is warned of."""
+"""Particle marginal Metropolis–Hastings against the exact posterior; what is refused and what is warned of."""
 
 import jax
 import jax.numpy as jnp

@@ -21,7 +21,7 @@ from sigmapoint.identification.likelihood import LogPosterior
 from sigmapoint.identification.pseudo_marginal import Point, moved
 
 ACCEPTED = 0.15
-"""Share of steps to be accepted. A random walk of many parameters does best with 0.23 where the likelihood is exact, and
+"""Share of steps to be accepted. A random walk of many parameters does best with 0.23 where the likelihood is exact,
 with 0.07 where its logarithm has a variance of 3.3 (Sherlock, Thiery, Roberts & Rosenthal, Ann. Stat. 43 (2015) 238).
 """
 FIRST = 0.1
@@ -67,9 +67,7 @@ def begun(posterior: LogPosterior, points: Point) -> Chain:
 
 
 @eqx.filter_jit
-def walked(
-    posterior: LogPosterior, chains: Chain, keys: Array, gain: Float[Array, " B"]
-) -> tuple[Chain, Walked]:
+def walked(posterior: LogPosterior, chains: Chain, keys: Array, gain: Float[Array, " B"]) -> tuple[Chain, Walked]:
     """Chains after as many steps as there are gains, and where they have been."""
 
     def estimate(z: Array, key: Array) -> Point:

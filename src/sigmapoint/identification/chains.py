@@ -86,8 +86,8 @@ def _variance(posterior: LogPosterior, key: Array, count: int, block: Walked) ->
     return float(value.var()) if np.isfinite(value).all() else float("inf")
 
 
-def diagnosed(z: Float[np.ndarray, "C M L"]) -> tuple[Float[np.ndarray, " L"], Float[np.ndarray, " L"]]:
-    """Effective sample size and R̂ of each parameter."""
+def diagnosed(z: Any) -> tuple[Float[np.ndarray, " L"], Float[np.ndarray, " L"]]:
+    """Effective sample size and R̂ of each parameter, from samples (C, M, L)."""
     # blackjax promotes types and ranks on the way, which a user may have forbidden.
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         ess, r_hat = _diagnosed(jnp.asarray(z))

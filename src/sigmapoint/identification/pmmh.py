@@ -73,11 +73,12 @@ def pmmh(
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> def build(theta):
         ...     return sp.StateSpaceModel(lambda x, u: theta["a"] * x, lambda x, u: x, 0.5 * jnp.eye(1),
-        ...                               0.1 * jnp.eye(1), sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
-        >>> _, y = sp.simulate(build({"a": 0.8}), 60, key=0)
-        >>> found = sp.pmmh(build, {"a": sp.bounded(0.5, 0.3, -1.0, 1.0)}, y, method=sp.bootstrap(100), key=1, samples=300)
+        ...                               0.5 * jnp.eye(1), sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> _, y = sp.simulate(build({"a": 0.8}), 30, key=0)
+        >>> theta = {"a": sp.bounded(0.5, 0.3, -1.0, 1.0)}
+        >>> found = sp.pmmh(build, theta, y, key=1, method=sp.bootstrap(50), warmup=200, samples=400)
         >>> found.samples["a"].shape, bool(found.estimates.low["a"] < 0.8 < found.estimates.high["a"])
-        ((4, 300), True)
+        ((4, 400), True)
     """
     checks.extra("blackjax", "pmmh", "mcmc")
     from sigmapoint.identification.chains import FEWEST, diagnosed, sampled
@@ -85,7 +86,8 @@ def pmmh(
     checks.untransformed("pmmh", "sp.log_posterior", theta, y, u)
     key, chains = checks.key("key", key), checks.whole("chains", chains, 1)
     warmup, samples = checks.whole("warmup", warmup, 0), checks.whole("samples", samples, FEWEST)
-    posterior = posterior_of(build, theta, y, u, bootstrap(1000) if method is None else method, fitting)
+    recipe: Any = bootstrap(1000) if method is None else method
+    posterior = posterior_of(build, theta, y, u, recipe, fitting)
     if not posterior.measured:
         raise ValueError("y has no measurements: every element is NaN")
     (z, log_likelihood, accepted), variance = sampled(posterior, key, chains, warmup, samples)
@@ -99,9 +101,9 @@ def pmmh(
 def _warn(found: PosteriorSamples, variance: float) -> None:
     if variance > NOISY:
         warnings.warn(
-            f"pmmh: the log-likelihood that the method estimates has a variance of {variance:.2g} where the chains are; "
-            f"beyond {NOISY:g} they hardly move: give the method more particles (twice as many have about half of it), "
-            "or a better proposal, as sp.proposals.guided(sp.ekf())",
+            f"pmmh: the log-likelihood that the method estimates has a variance of {variance:.2g} where the chains "
+            f"are; beyond {NOISY:g} they hardly move: give the method more particles (twice as many have half of it), or a "
+            "better proposal, as sp.proposals.guided(sp.ekf())",
             stacklevel=3,
         )
     if not found.agree:

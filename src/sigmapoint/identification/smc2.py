@@ -71,24 +71,25 @@ def smc2(
         >>> def build(theta):
         ...     return sp.StateSpaceModel(lambda x, u: theta["a"] * x, lambda x, u: x, 0.5 * jnp.eye(1),
         ...                               0.5 * jnp.eye(1), sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
-        >>> _, y = sp.simulate(build({"a": 0.8}), 30, key=0)
+        >>> _, y = sp.simulate(build({"a": 0.8}), 30, key=1)
         >>> theta = {"a": sp.bounded(0.5, 0.3, -1.0, 1.0)}
-        >>> found = sp.smc2(build, theta, y, key=1, method=sp.bootstrap(50), particles=50)
+        >>> found = sp.smc2(build, theta, y, key=1, method=sp.bootstrap(50), particles=100)
         >>> found.samples["a"].shape, bool(found.estimates.low["a"] < 0.8 < found.estimates.high["a"])
-        ((1, 50), True)
+        ((1, 100), True)
     """
     checks.extra("blackjax", "smc2", "mcmc")
     checks.untransformed("smc2", "sp.log_posterior", theta, y, u)
     key, particles = checks.key("key", key), checks.whole("particles", particles, 2)
     moves = checks.whole("moves", moves, 1)
-    posterior = posterior_of(build, theta, y, u, bootstrap(500) if method is None else method, fitting)
+    recipe: Any = bootstrap(500) if method is None else method
+    posterior = posterior_of(build, theta, y, u, recipe, fitting)
     if not posterior.measured:
         raise ValueError("y has no measurements: every element is NaN")
     found = _followed(posterior, key, particles, moves)
     if found.acceptance_rate < STUCK:
         warnings.warn(
-            f"smc2: {found.acceptance_rate:.0%} of the last moves were accepted, so that few of the samples differ: give "
-            "the method more particles, or a better proposal, as sp.proposals.guided(sp.ekf())",
+            f"smc2: {found.acceptance_rate:.0%} of the last moves were accepted, so that few of the samples differ: "
+            "give the method more particles, or a better proposal, as sp.proposals.guided(sp.ekf())",
             stacklevel=2,
         )
     return found
