@@ -71,7 +71,7 @@ def test_single_precision_stays():
         return sp.StateSpaceModel(lambda x, u: theta["a"] * x, lambda x, u: x, 0.5 * one, 0.3 * one, start)
 
     theta = jax.tree.map(lambda a: a.astype(jnp.float32), THETA)
-    found = sp.pmmh(single, theta, Y.astype(jnp.float32), key=0, method=PARTICLES, warmup=100, samples=100)
+    found = sp.pmmh(single, theta, Y.astype(jnp.float32), key=0, method=PARTICLES, warmup=300, samples=700)
     assert found.z.dtype == found.log_likelihood.dtype == jnp.float32
     assert np.isfinite(found.z).all()
 
