@@ -102,8 +102,8 @@ def _warn(found: PosteriorSamples, variance: float) -> None:
     if variance > NOISY:
         warnings.warn(
             f"pmmh: the log-likelihood that the method estimates has a variance of {variance:.2g} where the "
-            f"chains are; beyond {NOISY:g} they hardly move: give the method more particles (twice as many have half of "
-            "it), or a better proposal, as sp.proposals.guided(sp.ekf())",
+            f"chains are; beyond {NOISY:g} they hardly move: give the method more particles (twice as many halve it), "
+            "or a better proposal, as sp.proposals.guided(sp.ekf())",
             stacklevel=3,
         )
     if not found.agree:
