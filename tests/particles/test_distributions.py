@@ -10,7 +10,6 @@ from particles.scalar_case import MODEL, Y
 import sigmapoint as sp
 from sigmapoint.densities import Given, moments
 
-
 @pytest.fixture(autouse=True)
 def _as_users_have_it():
     """numpyro counts on shapes and types being promoted."""
