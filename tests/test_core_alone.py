@@ -14,7 +14,7 @@ def test_importing_the_core_imports_no_extra():
     code = (
         "import sys, sigmapoint; "
         "extras = {'pandas', 'plotly', 'matplotlib', 'scipy.stats', 'typer', 'rich', 'xarray', 'pyarrow'}; "
-        "extras |= {'optimistix'}; "
+        "extras |= {'optimistix', 'blackjax'}; "
         "extra = extras & set(sys.modules); "
         "assert not extra, extra"
     )
@@ -23,7 +23,7 @@ def test_importing_the_core_imports_no_extra():
 
 WITHOUT = """
 import sys
-sys.modules.update({{"plotly": None, "pandas": None, "optimistix": None}})
+sys.modules.update({{"plotly": None, "pandas": None, "optimistix": None, "blackjax": None}})
 import matplotlib, jax.numpy as jnp, sigmapoint as sp
 matplotlib.use("Agg")
 one = jnp.eye(1)
@@ -41,6 +41,14 @@ post = sp.filter(model, jnp.ones((3, 1)))
         (
             "sp.fit(lambda theta: model, 1.0, jnp.ones((3, 1)))",
             "ImportError: fit needs optimistix: pip install sigmapoint[fit]",
+        ),
+        (
+            "sp.pmmh(lambda theta: model, 1.0, jnp.ones((3, 1)), key=0)",
+            "ImportError: pmmh needs blackjax: pip install sigmapoint[mcmc]",
+        ),
+        (
+            "sp.smc2(lambda theta: model, 1.0, jnp.ones((3, 1)), key=0)",
+            "ImportError: smc2 needs blackjax: pip install sigmapoint[mcmc]",
         ),
         ("post.plot()", ""),
     ],

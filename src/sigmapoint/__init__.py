@@ -17,7 +17,10 @@ from sigmapoint.identification.estimates import Estimates, estimates
 from sigmapoint.identification.fit import Fit, fit
 from sigmapoint.identification.joint import joint
 from sigmapoint.identification.likelihood import LogPosterior, log_posterior
+from sigmapoint.identification.pmmh import pmmh
+from sigmapoint.identification.posterior_samples import PosteriorSamples
 from sigmapoint.identification.profile import Profile
+from sigmapoint.identification.smc2 import smc2
 from sigmapoint.identification.structures import diagonal, full, tied
 from sigmapoint.identification.unknown import Unknown, bounded, positive, real
 from sigmapoint.learning.drift import annealed, fixed, forgetting, on_diagonal, robbins_monro
@@ -116,6 +119,7 @@ __all__ = [
     "ParticlePosterior",
     "ParticleState",
     "Posterior",
+    "PosteriorSamples",
     "Prediction",
     "Profile",
     "Progress",
@@ -171,6 +175,7 @@ __all__ = [
     "online",
     "online_smoother",
     "particle_filter",
+    "pmmh",
     "positive",
     "prediction_error",
     "proposals",
@@ -185,6 +190,7 @@ __all__ = [
     "save",
     "simplex_ukf",
     "simulate",
+    "smc2",
     "smooth",
     "srcdkf",
     "srckf",

@@ -1,6 +1,7 @@
 """A result in a few lines, for `print`."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -62,6 +63,12 @@ def estimate(mean: float, std: float) -> str:
         return f"{mean:.4g} ± {std:.2g}"
     decimals = max(0, 1 - math.floor(math.log10(std)))
     return f"{mean:.{decimals}f} ± {std:.{decimals}f}"
+
+
+def aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Lines in which the cells of a column begin below each other."""
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows]
 
 
 def counted(count: int, one: str, many: str = "") -> str:

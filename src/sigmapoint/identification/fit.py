@@ -27,6 +27,7 @@ from sigmapoint.identification.profile import Profile, plot_profiles
 from sigmapoint.identification.unknowns import built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.printing import aligned
 from sigmapoint.verdicts import Verdict
 
 NEAR = 0.01
@@ -123,10 +124,8 @@ class Fit(eqx.Module):
         for i, name in enumerate(self.names):
             value, spread, low, high = (f"{float(a[i]):.4g}" for a in (found.value, found.std, found.low, found.high))
             rows.append((name, value, spread, f"{low} … {high}") if spread != "nan" else (name, value, "open", ""))
-        widths = [max(map(len, column)) for column in zip(*rows)]
-        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows]
         arrived = f"converged in {self.steps} steps" if self.converged else f"NOT CONVERGED after {self.steps} steps"
-        return "\n".join([*lines, f"log-likelihood {self.log_likelihood:.6g}, {arrived}"])
+        return "\n".join([*aligned(rows), f"log-likelihood {self.log_likelihood:.6g}, {arrived}"])
 
 
 def fit(

@@ -24,7 +24,8 @@ from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.ragged import stacked
-from sigmapoint.step import LOG_2PI, Filter
+from sigmapoint.recipe import Recipe
+from sigmapoint.step import LOG_2PI
 
 ROUND_OFF = 1e-6
 """Negative variance that a matrix of correlations may have."""
@@ -46,7 +47,7 @@ class LogPosterior(eqx.Module):
     u: Any
     lengths: Int[Array, " S"] | None
     """of the series, where they differ"""
-    method: Method
+    method: Recipe
     weight: Float[Array, ""]
     """of the prior"""
 
@@ -56,24 +57,41 @@ class LogPosterior(eqx.Module):
         return _finite(z, self)
 
     @eqx.filter_jit
-    def log_likelihood(self, z: Float[Array, " L"]) -> Float[Array, ""]:
+    def log_likelihood(self, z: Float[Array, " L"], key: Array | None = None) -> Float[Array, ""]:
         """Natural logarithm of the density of all measurements, as the filter has it; series are independent."""
+        return self.filtered(z, key)[0]
+
+    def filtered(
+        self, z: Float[Array, " L"], key: Array | None = None, until: Int[Array, ""] | None = None
+    ) -> tuple[Float[Array, ""], Any]:
+        """The log-likelihood of the rows before `until` (of all), and what the filter of every series then knows."""
         model = self.build(self.theta(z))
-        run = Filter.of(model, self.method)
-        T = self.y.shape[1]
+        S, T = self.y.shape[:2]
+        keys = None if key is None else jax.random.split(key, S)
 
-        def one(y: Array, u: Any, *length: Array) -> Array:
-            real = jnp.arange(T) < length[0] if length else None
-            return scan(run, y, u, lambda state, info: None, real)[1]
+        def one(y: Array, u: Any, end: Array | None, key: Array | None) -> tuple[Array, Any]:
+            real = None if end is None else jnp.arange(T) < end
+            return scan(self.method.ready(model, key), y, u, lambda state, info: None, real)[1:]
 
-        rows = (self.y, self.u) if self.lengths is None else (self.y, self.u, self.lengths)
-        return jnp.where(_is_model(model), of_each(one, *rows).sum(), -jnp.inf).astype(z.dtype)
+        ends = self.lengths if until is None else self.ends(until)
+        each, ahead = of_each(one, self.y, self.u, ends, keys)
+        return jnp.where(_is_model(model), each.sum(), -jnp.inf).astype(z.dtype), ahead
+
+    def ends(self, until: Int[Array, ""]) -> Int[Array, " S"]:
+        """Where the series end, or `until` where that is earlier."""
+        S, T = self.y.shape[:2]
+        return jnp.minimum(jnp.full(S, T) if self.lengths is None else self.lengths, until)
 
     def log_prior(self, z: Float[Array, " L"]) -> Float[Array, ""]:
         """Natural logarithm of the density of z before any measurement."""
         root = jnp.linalg.cholesky(self.unknowns.prior.cov)
         white = jax.scipy.linalg.solve_triangular(root, z - self.start, lower=True)
         return -0.5 * jnp.sum(white**2 + LOG_2PI) - jnp.sum(jnp.log(jnp.diagonal(root)))
+
+    def prior_draws(self, key: Array, count: int) -> Float[Array, "count L"]:
+        """Draws of z before any measurement."""
+        white = jax.random.normal(key, (count, self.unknowns.size), self.start.dtype)
+        return self.start[None] + white @ jnp.linalg.cholesky(self.unknowns.prior.cov).T
 
     def theta(self, z: Float[Array, " L"]) -> Any:
         """The parameters at z, in their own units."""
@@ -169,11 +187,23 @@ def log_posterior(
         >>> density(density.start).shape, jax.grad(density)(density.start).shape
         ((), (1,))
     """
+    return posterior_of(build, theta, y, u, method, gaussian)
+
+
+def posterior_of(
+    build: Callable[[Any], StateSpaceModel],
+    theta: Any,
+    y: Any,
+    u: Any,
+    method: Recipe | None,
+    checked: Callable[[StateSpaceModel, Recipe | None], Recipe],
+) -> LogPosterior:
+    """The same, of a method that is `checked` together with the model."""
     checks.function("build", build, "theta")
     unknowns = Unknowns.of(theta)
     _regular(unknowns)
     model = built(build, unknowns.tree(unknowns.prior.mean))
-    method = gaussian(model, method)
+    method = checked(model, method)
     y, u, lengths = stacked(model, y, u)
     differ = lengths.min() < lengths.max()
     one = jnp.ones((), unknowns.prior.mean.dtype)
