@@ -84,6 +84,15 @@ def test_what_is_kept_and_one_series_of_one_row(form):
     assert found.log_likelihood.shape == (1,)
 
 
+def test_the_precision_is_that_of_the_caller():
+    """Threads do not know of a context that the caller is in."""
+    with jax.enable_x64(False):
+        model = sp.StateSpaceModel(
+            lambda x, u: x + jnp.zeros(1), lambda x, u: x, np.eye(1), np.eye(1), sp.Gaussian(np.zeros(1), np.eye(1))
+        )
+        assert sp.batch(model, np.ones((2, 3, 1)), keep=("mean",)).mean.dtype == jnp.float32
+
+
 def test_it_may_be_called_inside_of_jit_and_grad():
     y = np.random.default_rng(0).normal(size=(3, 5, 1))
 

@@ -171,14 +171,16 @@ def _over_workers(
 ) -> dict[int, dict[str, np.ndarray]]:
     """What was kept of each series, by its number."""
     devices = jax.local_devices()
+    of_the_caller = jax.config.jax_enable_x64  # a thread does not know of `with jax.enable_x64(True)`
 
     def work(i: int) -> list[tuple[int, dict[str, np.ndarray]]]:
         piece = pieces[i]
         members = np.pad(piece.members, (0, len(piece.y) - len(piece.members)), mode="edge")
         own = jax.tree.map(lambda keys: keys[members], keys)
-        y, u, lengths, own = jax.device_put((piece.y, piece.u, piece.lengths, own), devices[i % len(devices)])
-        kept = unwrapped(_together, model, y, u, lengths, own, method, estimator, keep)
-        kept = {name: np.asarray(value) for name, value in kept.items()}
+        with jax.enable_x64(of_the_caller):
+            y, u, lengths, own = jax.device_put((piece.y, piece.u, piece.lengths, own), devices[i % len(devices)])
+            kept = unwrapped(_together, model, y, u, lengths, own, method, estimator, keep)
+            kept = {name: np.asarray(value) for name, value in kept.items()}
 
         def of(j: int) -> dict[str, np.ndarray]:
             return {name: np.asarray(v[j] if v.ndim == 1 else v[j, : piece.lengths[j]]) for name, v in kept.items()}

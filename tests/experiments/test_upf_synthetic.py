@@ -6,7 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import sigmapoint as sp
 from sigmapoint.experiments import EXPERIMENTS, upf_synthetic, upf_synthetic_runs
+from sigmapoint.experiments.floored import floored
 
 FIGURES = ("upf-synthetic-run", "upf-synthetic-scores")
 PUBLISHED, LOGARITHMS, TOLD = (f"RMSE, mean over runs, {case.name}" for case in upf_synthetic_runs.cases())
@@ -23,10 +25,11 @@ def near(measured, spread, published):
 
 def test_a_floor_is_felt_far_from_the_measurement_only():
     values = jnp.array([0.0, 0.003, 1.0])
-    exact, floored = (upf_synthetic_runs.Floored(jnp.asarray(least)).log_prob(values) for least in (0.0, 1e-99))
+    noise = sp.Additive(1e-5 * jnp.eye(1))
+    exact, with_floor = (floored(noise, least).distribution.log_prob(values[:, None]) for least in (0.0, 1e-99))
     np.testing.assert_allclose(exact, -0.5 * values**2 / 1e-5 - 0.5 * np.log(2 * np.pi * 1e-5), rtol=1e-12)
-    np.testing.assert_allclose(floored[:2], exact[:2], rtol=1e-12)
-    np.testing.assert_allclose(floored[2], np.log(1e-99), rtol=1e-12)
+    np.testing.assert_allclose(with_floor[:2], exact[:2], rtol=1e-12)
+    np.testing.assert_allclose(with_floor[2], np.log(1e-99), rtol=1e-12)
 
 
 def test_the_variance_over_runs_is_that_of_the_table():

@@ -11,8 +11,9 @@ the day, particles a third, as drawn, and the Gaussian filters run with the nois
 
 Simulated markets, another one in each run; or the real one, where `--data` names a folder with it
 (`problems.options_data`), once for each method that draws nothing at random. Particle filters at the strike of the
-table only: 100 particles, residual resampling at every step; what is printed of those with a proposal is about the mean
-price of their draws, before these are weighted.
+table only: 100 particles, residual resampling at every step; what is printed of those with a proposal is the mean price
+of their draws, before these are weighted. They run twice: as in the program of the authors (de Freitas & van der Merwe
+2000), which adds 1e-99 to every density and has a slip in a slope (`options_runs.of_the_authors`), and exactly.
 """
 
 from collections.abc import Sequence
@@ -25,8 +26,17 @@ import numpy as np
 
 import sigmapoint as sp
 from sigmapoint.experiments.options_figures import forecasts, smiles, states
-from sigmapoint.experiments.options_runs import JUDGED, Estimator, Markets, by_particles, filtered, loaded, simulated
-from sigmapoint.experiments.options_table import KINDS, PROPOSING, SHOWN, TABLE, TRIVIAL, Results, findings, rows
+from sigmapoint.experiments.options_runs import (
+    JUDGED,
+    Estimator,
+    Markets,
+    by_particles,
+    filtered,
+    loaded,
+    of_the_authors,
+    simulated,
+)
+from sigmapoint.experiments.options_table import EXACT, KINDS, PROPOSING, SHOWN, TABLE, TRIVIAL, Results, findings, rows
 from sigmapoint.experiments.results import Picture, publish
 from sigmapoint.problems import options
 
@@ -42,10 +52,16 @@ OWN = {
     "observation_noise": options.PROPOSALS.price * np.eye(2),
 }
 particles = partial(sp.particle_filter, 100, resampling=sp.resampling.residual, threshold=1.0)
+OF_EKF = particles(proposal=sp.proposals.carried(sp.ekf(), **OWN))
+OF_UKF = particles(proposal=sp.proposals.carried(UNSCENTED, **OWN))
+WIDE = "Q = 1e-4 I, R = 1e-6 I"
 DRAWING: dict[str, tuple[Estimator, str]] = {
-    "PF": (by_particles(particles()), "100 particles"),
-    "PF-EKF": (by_particles(particles(proposal=sp.proposals.carried(sp.ekf(), **OWN))), "Q = 1e-4 I, R = 1e-6 I"),
-    "UPF": (by_particles(particles(proposal=sp.proposals.carried(UNSCENTED, **OWN))), "the same; α=1, β=2, κ=1"),
+    "PF": (by_particles(particles(), of_the_authors), "100 particles, as in the authors' program"),
+    "PF-EKF": (by_particles(OF_EKF, of_the_authors), f"{WIDE}, as in the authors' program"),
+    "UPF": (by_particles(OF_UKF, of_the_authors), f"{WIDE}; α=1, β=2, κ=1, as in the authors' program"),
+    f"PF, {EXACT}": (by_particles(particles()), "100 particles"),
+    f"PF-EKF, {EXACT}": (by_particles(OF_EKF), WIDE),
+    f"UPF, {EXACT}": (by_particles(OF_UKF), f"{WIDE}; α=1, β=2, κ=1"),
 }
 """at the strike of the table"""
 RUNS, QUICK_RUNS = 100, 4

@@ -4,12 +4,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 import sigmapoint as sp
+from sigmapoint.experiments.floored import LEAST, floored, height
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.problems import options, options_market
@@ -103,19 +105,45 @@ def _found(model: StateSpaceModel, method: Method, prices: Float[Array, "M T 2"]
     return Found(*map(np.asarray, jax.vmap(one)(prices, quotes)))
 
 
-def by_particles(method: sp.ParticleMethod) -> Estimator:
+def by_particles(method: sp.ParticleMethod, model: Callable[[], StateSpaceModel] = options.model) -> Estimator:
     """By a particle filter."""
 
     def found(prices: Float[Array, "M T 2"], quotes: Quote, keys: Array) -> Found:
         y, quotes = jax.tree.map(lambda a: jnp.broadcast_to(a, (len(keys), *a.shape[1:])), (prices, quotes))
-        post = sp.batch(
-            options.model(), y, quotes, method, key=keys[0], keep=("mean", "std", "innovation", "nis", "particles")
-        )
+        post = sp.batch(model(), y, quotes, method, key=keys[0], keep=("mean", "std", "innovation", "nis", "particles"))
         drawn = jnp.mean(jax.vmap(jax.vmap(jax.vmap(options.prices, (0, None))))(post.particles, quotes), axis=2)
         seen = jax.vmap(jax.vmap(options.prices))(post.mean, quotes)
         return Found(*map(np.asarray, (y - post.innovation, seen, post.mean, post.std, post.nis, drawn)))
 
     return found
+
+
+def of_the_authors() -> StateSpaceModel:
+    """The model as the particle filters of their program have it.
+
+    To the densities of steps and prices, without their constants, 1e-99 is added: steps of this size are so far out of
+    the process noise that all are alike, and weights are likelihood over proposal. And the slope of a price in the
+    volatility, which the EKF uses, has exp(−d₁²) in place of exp(−d₁²/2).
+    """
+    model = options.model()
+    noises = (floored(noise, LEAST * height(noise)) for noise in (model.process_noise, model.observation_noise))
+    parts = (*noises, lambda x, u: _with_their_slope(x, *u))
+    return eqx.tree_at(lambda m: (m.process_noise, m.observation_noise, m.observation), model, parts)
+
+
+@jax.custom_jvp
+def _with_their_slope(x: Array, moneyness: Array, maturity: Array) -> Array:
+    return options.prices(x, Quote(moneyness, maturity))
+
+
+@_with_their_slope.defjvp
+def _with_their_slope_jvp(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Array, Array]:
+    (x, moneyness, maturity), dx = primals, tangents[0]
+    quote = Quote(moneyness, maturity)
+    value, by_rate = jax.jvp(lambda x: options.prices(x, quote), (x,), (dx * jnp.array([1.0, 0.0], dx.dtype),))
+    d1 = (jnp.log(moneyness) + (x[0] + x[1] ** 2 / 2) * maturity) / (x[1] * jnp.sqrt(maturity))
+    by_volatility = moneyness * jnp.sqrt(maturity / (2 * jnp.pi)) * jnp.exp(-(d1**2)) * dx[1]
+    return value, by_rate + by_volatility
 
 
 def errors(prices: Float[np.ndarray, "M T 2"], predicted: Float[np.ndarray, "R T 2"]) -> Float[np.ndarray, "R 2"]:

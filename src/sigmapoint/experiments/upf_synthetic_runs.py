@@ -1,6 +1,5 @@
 """Runs of the synthetic experiment: series, methods in their cases, and the error of each run."""
 
-import math
 import warnings
 from collections.abc import Mapping
 from functools import partial
@@ -13,35 +12,17 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import sigmapoint as sp
+from sigmapoint.experiments.floored import LEAST, floored
 from sigmapoint.problems import gamma_autoregression as problem
 from sigmapoint.recipe import Recipe
 
 PARTICLES = 200
-LEAST = 1e-99
-"""added to every likelihood by the program of the authors"""
-
-
-class Floored(eqx.Module):
-    """The noise of a measurement, `least` added to its density."""
-
-    least: Float[Array, ""]
-
-    batch_shape = event_shape = ()
-    mean, variance = 0.0, problem.VARIANCE
-
-    def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Float[Array, "*N"]:
-        return math.sqrt(self.variance) * jax.random.normal(key, sample_shape)
-
-    def log_prob(self, value: Float[Array, "*N"]) -> Float[Array, "*N"]:
-        log_density = -0.5 * (value**2 / self.variance + math.log(2 * math.pi * self.variance))
-        return jnp.logaddexp(log_density, jnp.log(self.least))
 
 
 def untold(least: float) -> sp.StateSpaceModel:
     """The model as the filters of the published table have it, with `least` added to every likelihood."""
     model = problem.model(noise_mean=0.0)
-    noise = sp.Additive(model.observation_noise.cov, distribution=Floored(jnp.asarray(least)))
-    return eqx.tree_at(lambda m: m.observation_noise, model, noise)
+    return eqx.tree_at(lambda m: m.observation_noise, model, floored(model.observation_noise, least))
 
 
 def variance(value: float) -> Float[Array, "1 1"]:
