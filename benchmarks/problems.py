@@ -85,13 +85,33 @@ def lorenz96_measurements(n: int, rows: int, seed: int = 0) -> np.ndarray:
     raise AssertionError
 
 
+def growth() -> Problem:
+    """A growth model of one state, seen through its square (Kitagawa 1987, without its forcing): two modes."""
+    one = np.eye(1)
+    return Problem(lambda x: x / 2 + 25 * x / (1 + x**2), lambda x: x**2 / 20, 10 * one, one, np.zeros(1), 5 * one)
+
+
+def growth_measurements(rows: int, seed: int = 0) -> np.ndarray:
+    """Of a path drawn from the model itself."""
+    one, r = growth(), np.random.default_rng(seed)
+    x, y = r.normal(size=1) * 5**0.5, np.empty((rows, 1))
+    for k in range(rows):
+        y[k] = one.h(x) + r.normal(size=1)
+        x = one.f(x) + 10**0.5 * r.normal(size=1)
+    return y
+
+
 def problem(name: str, xp: ModuleType = np) -> Problem:
-    """`turn`, or `lorenz96-8` for eight states."""
+    """`turn`, `growth`, or `lorenz96-8` for eight states."""
     kind, _, states = name.partition("-")
+    if kind == "growth":
+        return growth()
     return turn(xp) if kind == "turn" else lorenz96(int(states), xp)
 
 
 def measurements(name: str, rows: int, seed: int = 0) -> np.ndarray:
     """Those of the problem of this name: (rows, m)."""
     kind, _, states = name.partition("-")
+    if kind == "growth":
+        return growth_measurements(rows, seed)
     return turn_measurements(rows, seed) if kind == "turn" else lorenz96_measurements(int(states), rows, seed)

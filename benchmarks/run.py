@@ -62,6 +62,12 @@ def cases() -> Iterator[Case]:
     live = {"cuthbert": ["srekf"], "kalman_py": ["ukf"], "filterpy": ["ukf"], "stonesoup": ["ukf"]}
     yield Case("online", "online", "turn", 5_000, {"sigmapoint": ["ukf", "srukf", "srekf"], **live})
     yield Case("online", "online", "turn", 100_000, {"sigmapoint": ["ukf"]})
+    for problem in ("growth", "turn"):
+        for particles, rows in ((1_000, 1_000), (10_000, 200)):
+            method = [f"bootstrap-{particles}"]
+            entrants = dict.fromkeys(("sigmapoint", "smcx", "cuthbert", "particles"), method)
+            yield Case("particles", "filter", problem, rows, entrants)
+    yield Case("particles", "filter", "turn", 20, {"sigmapoint": ["upf-200"], "numpy": ["upf-200"]})
 
 
 class Contender:
@@ -75,7 +81,7 @@ class Contender:
         """One request, its answer."""
         if self._process is None:
             file = str(HERE / "contenders" / f"with_{self.name}.py")
-            own = self.name in ("sigmapoint", "eigen")
+            own = self.name in ("sigmapoint", "eigen", "numpy")
             command = [sys.executable, file] if own else ["uv", "run", "--quiet", "--script", file]
             pipe = subprocess.PIPE
             self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
@@ -127,7 +133,7 @@ def measured(case: Case, contenders: dict[str, Contender], folder: Path, repetit
                 for quantile in ("median_us", "p99_us"):
                     row[quantile] += [answer[quantile]] if quantile in answer else []
     for (name, method), at in means.items():
-        reference = means.get(("sigmapoint", "srekf" if method.endswith("ekf") else "ukf"))
+        reference = means.get(("sigmapoint", _family(method)))
         if reference is not None:
             others = tuple(range(reference.ndim - 1))
             std = reference.std(axis=others)
@@ -153,10 +159,10 @@ def table(rows: list[dict[str, Any]]) -> str:
             lines.append(f"{head} {row['error'][:60]} | | | |")
             continue
         ours = [r for r in rows if r["contender"] == "sigmapoint" and all(r[k] == row[k] for k in ALIKE)]
-        ours = [r for r in ours if "error" not in r]
+        ours = [r for r in ours if "error" not in r and not (_drawn(row["method"]) and r["method"] != row["method"])]
         same = [r for r in ours if r["method"] == _family(row["method"])] or ours
         ratio = f"{time(row) / time(same[0]):.2f}" if same else ""
-        difference = _compared(row["difference"]) if "difference" in row else ""
+        difference = _compared(row) if "difference" in row else ""
         lines.append(f"{head} {time(row):.3g} | {ratio} | {difference} | {row['first_s']:.1f} |")
     return "\n".join(lines) + "\n"
 
@@ -165,18 +171,27 @@ ABOVE = """# All benchmark numbers
 
 Medians of the repetitions. *× ours*: beside our `ukf`, or our `srekf` for extended filters, in the same run.
 *Difference*: the largest difference of a mean from that of ours, over the standard deviation of these means in time, or
-over their size where they do not move (a
-central difference filter is another filter, and differs). *First*: seconds of the first call, with compilation.
+over their size where they do not move (a central difference filter is another filter, and differs; those of particles
+differ by their draws). *First*: seconds of the first call, with compilation.
 
 """
 ALIKE = ("part", "task", "problem", "rows", "series")
 
 
-def _compared(difference: float) -> str:
-    return f"{difference:.0e}" if difference <= SAME else f"**another filter: {difference:.0e}**"
+def _compared(row: dict[str, Any]) -> str:
+    difference = row["difference"]
+    same = difference <= SAME or _drawn(row["method"])
+    return f"{difference:.0e}" if same else f"**another filter: {difference:.0e}**"
+
+
+def _drawn(method: str) -> bool:
+    """Means are of draws, and differ."""
+    return method.startswith(("bootstrap", "upf"))
 
 
 def _family(method: str) -> str:
+    if _drawn(method):
+        return method
     return "srekf" if method.endswith("ekf") else "ukf"
 
 
@@ -198,7 +213,7 @@ def about() -> dict[str, Any]:
 def main() -> None:
     """Measure, and write after every case, so that what is there survives an interruption."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", default="turn,states,length,batch,online", help="parts, with commas")
+    parser.add_argument("--only", default="turn,states,length,batch,online,particles", help="parts, with commas")
     parser.add_argument("--contenders", default="", help="which, with commas; default: all")
     parser.add_argument("--repetitions", type=int, default=7)
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))

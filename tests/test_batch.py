@@ -30,8 +30,7 @@ def _inputs(r: np.random.Generator, *axes: int) -> dict[str, np.ndarray]:
 @pytest.fixture(params=[False, True], ids=["in step", "one by one"])
 def form(request, monkeypatch):
     """Series in step under vmap, and each as a loop of its own with its end left out."""
-    for module in (batches, series):
-        monkeypatch.setattr(module, "NATIVE", request.param)
+    monkeypatch.setattr(series, "NATIVE", request.param)
     monkeypatch.setattr(series, "SKIPPED", 4)
     jax.clear_caches()
     yield

@@ -2,7 +2,7 @@
 # requires-python = ">=3.11"
 # dependencies = ["cuthbert==0.1.1", "cuthbertlib==0.1.1", "jax==0.10.2", "numpy==2.4.6"]
 # ///
-"""cuthbert: `gaussian.moments`, its square-root extended Kalman filter, linearized at the latest mean.
+"""cuthbert: its particle filter, and `gaussian.moments`, its square-root extended Kalman filter.
 
 Every step of cuthbert predicts first, so the first one gets degenerate dynamics, as its documentation says.
 """
@@ -19,6 +19,9 @@ import numpy as np
 from cuthbert import filter as run_filter
 from cuthbert.gaussian.moments import build_filter
 from cuthbert.inference import Filter
+from cuthbert.smc import particle_filter
+from cuthbertlib.resampling import systematic
+from cuthbertlib.resampling.adaptive import ess_decorator
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from problems import problem
@@ -63,6 +66,47 @@ def _make(many: bool) -> Any:
     return make
 
 
+def _particles(count: int) -> Any:
+    """Its particle filter, with the mean of each step; the first measurement weighs the draws of the prior."""
+
+    def make(name: str, y: np.ndarray) -> Callable[[], Any]:
+        one, y = problem(name, jnp), jnp.asarray(y)
+        mean, P, Q, W = (jnp.asarray(a, float) for a in (one.mean, *map(np.linalg.cholesky, (one.cov, one.Q)), one.R))
+        W = jnp.linalg.inv(jnp.linalg.cholesky(W))
+
+        def start(key: Any) -> Any:
+            return mean + P @ jax.random.normal(key, mean.shape)
+
+        def move(key: Any, x: Any, y: Any) -> Any:
+            return one.f(x) + Q @ jax.random.normal(key, mean.shape)
+
+        def weigh(before: Any, x: Any, y: Any) -> Any:
+            white = W @ (y - one.h(x))
+            return -0.5 * white @ white + jnp.log(jnp.diagonal(W)).sum() - 0.9189385332046727 * white.shape[0]
+
+        method = particle_filter.build_filter(start, move, weigh, count, ess_decorator(systematic.resampling, 0.5))
+
+        def average(state: Any) -> Any:
+            return jax.nn.softmax(state.log_weights) @ state.particles
+
+        def run(y: Any) -> Any:
+            keys = jax.random.split(jax.random.key(0), y.shape[0])
+            first = method.init_prepare(key=keys[0])
+            weights = jax.vmap(weigh, (None, 0, None))(None, first.particles, y[0])
+            first = first._replace(log_weights=weights, model_inputs=y[0])
+
+            def step(state: Any, given: Any) -> Any:
+                state = method.filter_combine(state, method.filter_prepare(given[1], key=given[0]))
+                return state, average(state)
+
+            return jnp.concatenate([average(first)[None], jax.lax.scan(step, first, (keys[1:], y[1:]))[1]])
+
+        compiled = jax.jit(run)
+        return lambda: jax.block_until_ready(compiled(y))
+
+    return make
+
+
 def _online(name: str, y: np.ndarray) -> Callable[[], Any]:
     first, rest = _filters(name)
     update = jax.jit(lambda y: _step(first, first.init_prepare(), y))
@@ -81,4 +125,8 @@ def _online(name: str, y: np.ndarray) -> Callable[[], Any]:
 
 
 if __name__ == "__main__":
-    serve(filter={"srekf": _make(many=False)}, batch={"srekf": _make(many=True)}, online={"srekf": _online})
+    serve(
+        filter={"srekf": _make(many=False), **{f"bootstrap-{N}": _particles(N) for N in (1_000, 10_000)}},
+        batch={"srekf": _make(many=True)},
+        online={"srekf": _online},
+    )

@@ -53,11 +53,23 @@ def _online(method: sp.Method) -> Any:
     return make
 
 
+def _particles(method: sp.ParticleMethod) -> Any:
+    def make(name: str, y: np.ndarray) -> Callable[[], Any]:
+        model, y, key = _model(name), jnp.asarray(y), jax.random.key(0)
+        return lambda: jax.block_until_ready(sp.filter(model, y, method=method, key=key, keep=("mean",)).mean)
+
+    return make
+
+
 METHODS = {"ukf": sp.ukf(), "srukf": sp.srukf(), "srcdkf": sp.srcdkf(), "cdkf": sp.cdkf(), "srekf": sp.srekf()}
 
 if __name__ == "__main__":
     serve(
-        filter={name: _make(sp.filter, method) for name, method in METHODS.items()},
+        filter={
+            **{name: _make(sp.filter, method) for name, method in METHODS.items()},
+            **{f"bootstrap-{N}": _particles(sp.bootstrap(N)) for N in (1_000, 10_000)},
+            "upf-200": _particles(sp.upf(200)),
+        },
         batch={name: _make(sp.batch, method) for name, method in METHODS.items()},
         online={name: _online(method) for name, method in METHODS.items()},
     )

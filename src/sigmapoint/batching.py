@@ -5,7 +5,7 @@ a piece of the batch runs in step (`jax.vmap`).
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -22,7 +22,7 @@ from sigmapoint.model import StateSpaceModel
 from sigmapoint.ragged import Ragged, concatenated
 from sigmapoint.recipe import Recipe
 from sigmapoint.results import FIELDS
-from sigmapoint.runtime import NATIVE
+from sigmapoint.series import of_each, one_by_one
 from sigmapoint.smoothing.smoother import Smoother, looking_back
 
 LARGEST_PIECE = 256
@@ -85,7 +85,7 @@ def batch(
         kept = _together(model, y, u, jnp.asarray(rows.lengths), keys, recipe, estimator, keep)
         return recipe.posterior.of(model, y, u, kept)
     rows = Ragged(np.asarray(flat_y), jax.tree.map(np.asarray, flat_u), rows.starts, rows.lengths)
-    found = _over_workers(list(_pieces(rows, _one_by_one())), model, keys, recipe, estimator, keep)
+    found = _over_workers(list(_pieces(rows, one_by_one())), model, keys, recipe, estimator, keep)
     if ragged:
         every = jax.device_put([(*_series(rows, i), found[i]) for i in range(B)])
         return [recipe.posterior.of(model, *one) for one in every]
@@ -152,10 +152,6 @@ def _pieces(rows: Ragged, one_by_one: bool) -> Iterator[Piece]:
         longest_first, lengths = longest_first[group:], lengths[group:]
 
 
-def _one_by_one() -> bool:
-    return NATIVE and jax.default_backend() == "cpu"
-
-
 def _workers() -> int:
     devices = jax.local_device_count()
     return devices if devices > 1 or jax.default_backend() != "cpu" else os.cpu_count() or 1
@@ -171,7 +167,8 @@ def _over_workers(
 ) -> dict[int, dict[str, np.ndarray]]:
     """What was kept of each series, by its number."""
     devices = jax.local_devices()
-    of_the_caller = jax.config.jax_enable_x64  # a thread does not know of `with jax.enable_x64(True)`
+    # A thread does not know of `with jax.enable_x64(True)`.
+    of_the_caller = jax.dtypes.canonicalize_dtype(np.float64) == np.float64
 
     def work(i: int) -> list[tuple[int, dict[str, np.ndarray]]]:
         piece = pieces[i]
@@ -212,10 +209,3 @@ def _together(
         return estimator(run, jnp.where(real[:, None], y, jnp.nan), u, keep, real)
 
     return of_each(one, y, u, lengths, keys)
-
-
-def of_each(one: Callable[..., Any], *rows: Any) -> Any:
-    """`one(*row)` for every row, one by one where loops are native, and in step elsewhere."""
-    if _one_by_one():
-        return jax.lax.scan(lambda _, row: (None, one(*row)), None, rows)[1]
-    return jax.vmap(one)(*rows)

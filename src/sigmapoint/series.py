@@ -88,3 +88,15 @@ def _guarded(step: Callable[[Any, Any], tuple[Any, Any]]) -> Callable[[Any, Any]
 
 def _bytes(tree: Any) -> int:
     return sum(a.size * a.dtype.itemsize for a in jax.tree.leaves(tree))
+
+
+def one_by_one() -> bool:
+    """Whether many small programs of the same kind are best run one after the other, each a loop of its own."""
+    return NATIVE and jax.default_backend() == "cpu"
+
+
+def of_each(one: Callable[..., Any], *rows: Any) -> Any:
+    """`one(*row)` for every row, one by one where loops are native, and in step elsewhere."""
+    if one_by_one():
+        return jax.lax.scan(lambda _, row: (None, one(*row)), None, rows)[1]
+    return jax.vmap(one)(*rows)

@@ -18,13 +18,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sigmapoint import checks
-from sigmapoint.batching import of_each
 from sigmapoint.filtering import gaussian, scan
 from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.ragged import stacked
 from sigmapoint.recipe import Recipe
+from sigmapoint.series import of_each
 from sigmapoint.step import LOG_2PI
 
 ROUND_OFF = 1e-6

@@ -16,7 +16,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint.batching import of_each
 from sigmapoint.belief import symmetric
 from sigmapoint.identification import expectation
 from sigmapoint.identification.expectation import Moments, Smoothed
@@ -25,6 +24,7 @@ from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive, Gaussian
+from sigmapoint.series import of_each
 from sigmapoint.step import Filter
 
 SEARCH = 30

@@ -8,27 +8,19 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
-import numpy as np
 from jax.custom_batching import custom_vmap
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jax.sharding import Mesh
 from jaxtyping import Array, Float
+
+from sigmapoint.devices import mesh as of_devices
+from sigmapoint.devices import placed
 
 AXIS = "parameters"
 
 
 def mesh(devices: Sequence[Any] | None, L: int) -> Mesh | None:
-    """Of these devices; nothing where none are named.
-
-    Raises:
-        ValueError: not a list of different devices, or a number of parameters that is not a multiple of theirs.
-    """
-    if devices is None:
-        return None
-    if not isinstance(devices, Sequence) or not devices or len(set(devices)) < len(devices):
-        raise ValueError(f"devices must be a list of different devices, such as jax.devices(), got {devices!r}")
-    if L % len(devices):
-        raise ValueError(f"{L} parameters cannot be spread evenly over {len(devices)} devices: take a divisor of {L}")
-    return Mesh(np.array(devices), (AXIS,))
+    """Of these devices; see `devices.mesh`."""
+    return of_devices(devices, AXIS, L)
 
 
 def parts(over: Mesh | None) -> int:
@@ -45,7 +37,7 @@ def spread(tree: Any, over: Mesh | None, L: int) -> Any:
         if not a.size:
             return a
         axes = [*(None,) * (a.ndim - 1), AXIS] if a.ndim and a.shape[-1] == L else []
-        return jax.lax.with_sharding_constraint(a, NamedSharding(over, PartitionSpec(*axes)))
+        return placed(a, over, *axes)
 
     return jax.tree.map(one, tree)
 
@@ -57,12 +49,12 @@ def gathered(over: Mesh | None) -> Callable[[Float[Array, " L"]], Float[Array, "
 
     @custom_vmap
     def whole(w: Array) -> Array:
-        return jax.lax.with_sharding_constraint(w, NamedSharding(over, PartitionSpec()))
+        return placed(w, over)
 
     @whole.def_vmap
     def _(points: int, _: Any, w: Array) -> tuple[Array, bool]:
         rows = None if points % over.size else AXIS
-        return jax.lax.with_sharding_constraint(w, NamedSharding(over, PartitionSpec(rows, None))), True
+        return placed(w, over, rows, None), True
 
     @jax.custom_jvp
     def gather(w: Array) -> Array:

@@ -33,6 +33,7 @@ from sigmapoint.particles.proposal import (
     with_covariance,
 )
 from sigmapoint.particles.state import ParticleState
+from sigmapoint.series import of_each
 from sigmapoint.spaces import Space, same_elements
 from sigmapoint.step import Filter, FilterState, Method
 
@@ -84,10 +85,10 @@ class GaussianProposal:
         def one(particle: Array, before: FilterState) -> FilterState:
             return tools.predict(tools.about(self.spread.before(particle, before.belief), before.step), u)
 
-        return jax.vmap(one)(state.particles, state.origin.proposal)
+        return of_each(one, state.particles, state.origin.proposal)
 
     def prospect(self, tools: Filter, at: Instant, state: ParticleState) -> Prospect:
-        given, info = jax.vmap(lambda before: tools.update(before, at.y, at.u))(state.origin.proposal)
+        given, info = of_each(lambda before: tools.update(before, at.y, at.u), state.origin.proposal)
         return Prospect(given, info.log_likelihood)
 
     def draw(self, at: Instant, key: Array, state: ParticleState, prospect: Prospect) -> Drawn:

@@ -23,6 +23,7 @@ from sigmapoint.particles.mixture import Mixture, together
 from sigmapoint.particles.normals import normals
 from sigmapoint.particles.state import ParticleInfo
 from sigmapoint.particles.weights import effective, even, weighed
+from sigmapoint.series import of_each
 from sigmapoint.spaces import Space
 from sigmapoint.step import Filter
 from sigmapoint.system import System, initial
@@ -135,7 +136,7 @@ class GaussianSumFilter(NamedTuple):
                 belief = part.filter.predict(self._component(mean, factor, state.step), u).belief
                 return belief.mean, belief.factor
 
-            means, factors = jax.vmap(one)(state.mixture.mean, state.mixture.factor)
+            means, factors = of_each(one, state.mixture.mean, state.mixture.factor)
             return Mixture(state.mixture.log_weights + part.log_weight, means, factors)
 
         every = jax.tree.map(lambda *a: jnp.concatenate(a), *map(taken_on, self.ahead))
@@ -158,7 +159,7 @@ class GaussianSumFilter(NamedTuple):
                 log_weight = log_weight + part.log_weight + info.log_likelihood
                 return Mixture(log_weight, after.belief.mean, after.belief.factor)
 
-            return jax.vmap(one)(*state.mixture)
+            return of_each(one, *state.mixture)
 
         proposal = jax.tree.map(lambda *a: jnp.stack(a), *map(updated, self.given))
         sample = method.recovery.sample(state.random(DRAWN), state.mixture, proposal, method.particles, space)
@@ -187,7 +188,7 @@ class GaussianSumFilter(NamedTuple):
         def one(mean: Array, factor: Array) -> tuple[Array, Array]:
             return self.whole.expected(self._component(mean, factor, state.step), at.y, at.u)
 
-        means, covs = jax.vmap(one)(state.mixture.mean, state.mixture.factor)
+        means, covs = of_each(one, state.mixture.mean, state.mixture.factor)
         whole = together(state.mixture.log_weights, means, covs, at.functions.observation_space)
         return at.surprise(whole.mean, whole.cov)
 

@@ -1,11 +1,14 @@
 """Particle filters as recipes: a proposal, a selection, a resampling scheme, a move."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+from jax.sharding import Mesh
 from jaxtyping import Array
 
 from sigmapoint import checks
+from sigmapoint.devices import mesh
 from sigmapoint.methods import ekf, srukf
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.particles.gaussian import carried
@@ -15,7 +18,7 @@ from sigmapoint.particles.prior import Prior
 from sigmapoint.particles.proposal import Proposal
 from sigmapoint.particles.resampling import Resampling, systematic
 from sigmapoint.particles.selection import Afterwards, Ahead, Selection
-from sigmapoint.particles.state import ParticleState
+from sigmapoint.particles.state import AXIS, ParticleState
 from sigmapoint.particles.step import ParticleFilter
 from sigmapoint.results import Posterior
 
@@ -31,6 +34,7 @@ class ParticleMethod:
         threshold: share of `particles` below which the effective sample size leads to resampling.
         move: what moves copies apart, or nothing.
         selection: when particles are chosen.
+        over: devices that they are spread over, or nothing.
     """
 
     particles: int
@@ -39,6 +43,7 @@ class ParticleMethod:
     threshold: float
     move: Move | None
     selection: Selection
+    over: Mesh | None = None
 
     posterior: ClassVar[type[Posterior]] = ParticlePosterior
     state: ClassVar[type] = ParticleState
@@ -73,6 +78,7 @@ def particle_filter(
     resampling: Resampling = systematic,
     threshold: float = 0.5,
     move: Move | None = None,
+    devices: Sequence[Any] | None = None,
 ) -> ParticleMethod:
     """A particle filter of given parts (Wan & van der Merwe 2001, Algorithm 7.6.1).
 
@@ -86,12 +92,14 @@ def particle_filter(
             step.
         move: moves copies apart after resampling: `moves.random_walk()`, `moves.independence()` or
             `moves.metropolis(kernel)`.
+        devices: those that particles are spread over, for example `jax.devices()`; the numbers are the same.
 
     Returns:
         A method for `filter`, `online`, `batch`, `compare`, `smooth` and `trajectories`, which then need a `key`.
 
     Raises:
-        ValueError: fewer than one particle, a threshold outside of (0, 1], parts that are none.
+        ValueError: fewer than one particle, a threshold outside of (0, 1], parts that are none, particles that cannot
+            be spread evenly over the devices.
 
     Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
@@ -108,7 +116,9 @@ def particle_filter(
     if move is not None:
         checks.instance("move", move, Move, "sp.moves.random_walk(), .independence() or .metropolis(kernel)")
     particles, threshold = checks.whole("particles", particles, 1), checks.fraction("threshold", threshold)
-    return ParticleMethod(particles, proposal, resampling, threshold, move, Afterwards())
+    return ParticleMethod(
+        particles, proposal, resampling, threshold, move, Afterwards(), mesh(devices, AXIS, particles)
+    )
 
 
 def bootstrap(particles: int) -> ParticleMethod:

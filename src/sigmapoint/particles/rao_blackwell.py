@@ -25,6 +25,7 @@ from sigmapoint.particles.selection import uneven
 from sigmapoint.particles.state import ParticleInfo
 from sigmapoint.particles.weights import Cloud, effective, even, weighed
 from sigmapoint.rules.linearization import Linearization
+from sigmapoint.series import of_each
 from sigmapoint.spaces import Space
 from sigmapoint.step import Filter, FilterState
 from sigmapoint.system import System
@@ -135,7 +136,7 @@ class RaoBlackwellisedFilter(NamedTuple):
         filters, log_weights, ancestors = jax.lax.cond(
             uneven(method, state.log_weights), chosen, lambda: (state.filters, state.log_weights, every)
         )
-        ahead = jax.vmap(lambda one: self.filter.predict(one, u))(filters)
+        ahead = of_each(lambda one: self.filter.predict(one, u), filters)
         drawn = self._drawn(state.random(DRAWN), ahead)
         return RaoBlackwellisedState(drawn, log_weights, ancestors, state.key, state.count + 1, state.space)
 
@@ -143,7 +144,7 @@ class RaoBlackwellisedFilter(NamedTuple):
         self, state: RaoBlackwellisedState, y: Float[Array, " e"], u: Any
     ) -> tuple[RaoBlackwellisedState, ParticleInfo]:
         """Beliefs after a measurement; elements that are NaN were not measured."""
-        filters, infos = jax.vmap(lambda one: self.filter.update(one, y, u))(state.filters)
+        filters, infos = of_each(lambda one: self.filter.update(one, y, u), state.filters)
         log_weights, log_likelihood = weighed(state.log_weights, infos.log_likelihood)
         ess = jnp.where(log_likelihood > -jnp.inf, effective(log_weights), 0.0)
         info = ParticleInfo(*self._predicted(state, y, u), log_likelihood, ess)
@@ -168,11 +169,11 @@ class RaoBlackwellisedFilter(NamedTuple):
             mean = space.retract(belief.mean, given.step[:, 0])
             return self.filter.about(kind.from_root(mean, given.root), state.step)
 
-        return jax.vmap(one)(filters, noise)
+        return of_each(one, filters, noise)
 
     def _predicted(self, state: RaoBlackwellisedState, y: Array, u: Any) -> Surprise:
         """The measurement as the particles predicted it."""
         at = Instant.of(System(self.model, self.filter.process, self.filter.observation), state.step, y, u)
-        means, covs = jax.vmap(lambda one: self.filter.expected(one, y, u))(state.filters)
+        means, covs = of_each(lambda one: self.filter.expected(one, y, u), state.filters)
         whole = together(state.log_weights, means, covs, at.functions.observation_space)
         return at.surprise(whole.mean, whole.cov)

@@ -47,19 +47,24 @@ def uneven(method: Any, log_weights: Float[Array, " N"]) -> Array:
     return effective(log_weights) < method.threshold * method.particles
 
 
-def resampled(method: Any, key: Array, state: ParticleState) -> ParticleState:
-    """Copies of the particles, all of one weight."""
-    ancestors = method.resampling(key, state.log_weights)
-    return state.chosen(ancestors, even(method.particles, state.log_weights.dtype))
-
-
 @dataclass(frozen=True)
 class Afterwards:
     """By their weights."""
 
     def before_time(self, method: Any, key: Array, state: ParticleState) -> ParticleState:
-        here = state.replace(ancestors=jnp.arange(method.particles, dtype=state.ancestors.dtype))
-        return jax.lax.cond(uneven(method, state.log_weights), lambda: resampled(method, key, here), lambda: here)
+        here = jnp.arange(method.particles, dtype=state.ancestors.dtype)
+        carried = state.particles, state.origin.proposal
+
+        def chosen() -> tuple[Array, Any, Array, Array]:
+            ancestors = method.resampling(key, state.log_weights)
+            particles, memory = jax.tree.map(lambda a: a[ancestors], carried)
+            return particles, memory, ancestors, even(method.particles, state.log_weights.dtype)
+
+        particles, memory, ancestors, log_weights = jax.lax.cond(
+            uneven(method, state.log_weights), chosen, lambda: (*carried, here, state.log_weights)
+        )
+        origin = state.origin._replace(proposal=memory)
+        return state.replace(particles=particles, ancestors=ancestors, log_weights=log_weights, origin=origin)
 
     def before_drawing(
         self, method: Any, key: Array, at: Instant, state: ParticleState, prospect: Prospect

@@ -4,10 +4,14 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int
 
+from sigmapoint.devices import placed
 from sigmapoint.particles.weights import effective, moments
 from sigmapoint.spaces import Space
+
+AXIS = "particles"
 
 
 class Origin(NamedTuple):
@@ -78,6 +82,17 @@ class ParticleState(eqx.Module):
         """With other values of some fields."""
         names = self.__dataclass_fields__
         return ParticleState(**{name: fields.get(name, getattr(self, name)) for name in names})
+
+    def spread(self, over: Mesh | None) -> "ParticleState":
+        """The same, the particles spread over devices."""
+        if over is None:
+            return self
+        N = self.log_weights.shape[0]
+
+        def one(a: Array) -> Array:
+            return placed(a, over, AXIS) if a.ndim and a.shape[0] == N else a
+
+        return jax.tree.map(one, self)
 
     def chosen(self, ancestors: Int[Array, " N"], log_weights: Float[Array, " N"]) -> "ParticleState":
         """Copies of the ancestors, with weights of their own."""

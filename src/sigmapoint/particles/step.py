@@ -54,9 +54,10 @@ class ParticleFilter(NamedTuple):
         centre = jnp.broadcast_to(mean, particles.shape)
         origin = Origin(centre, self.method.proposal.start(self.tools, N), jnp.ones((), bool))
         every = jnp.arange(N, dtype=jnp.int32)
-        return ParticleState(
+        state = ParticleState(
             particles, even(N, mean.dtype), every, origin, self.key, jnp.ones((), int), jnp.zeros((), int), space
         )
+        return state.spread(self.method.over)
 
     def predict(self, state: ParticleState, u: Any) -> ParticleState:
         """Particles drawn for the next instant, of those that are worth it."""
@@ -66,7 +67,8 @@ class ParticleFilter(NamedTuple):
         step = fs.process.drawn(fs.f, fs.state_space)
         particles, centre = jax.vmap(lambda x, w: step(x, u, w))(state.particles, noise)
         origin = Origin(centre, method.proposal.ahead(self.tools, state, u), jnp.ones((), bool))
-        return state.replace(particles=particles, origin=origin, count=state.count + 1, step=state.step + 1)
+        ahead = state.replace(particles=particles, origin=origin, count=state.count + 1, step=state.step + 1)
+        return ahead.spread(method.over)
 
     def update(self, state: ParticleState, y: Float[Array, " e"], u: Any) -> tuple[ParticleState, ParticleInfo]:
         """Particles after a measurement; elements that are NaN were not measured."""
@@ -82,7 +84,7 @@ class ParticleFilter(NamedTuple):
         if method.move is not None:
             after = self._moved(at, after, chosen.prospect, drawn)
         origin = after.origin._replace(fresh=after.origin.fresh & ~at.active.any())
-        return after.replace(origin=origin, count=state.count + 1), info
+        return after.replace(origin=origin, count=state.count + 1).spread(method.over), info
 
     def _predicted(self, at: Instant, state: ParticleState) -> Surprise:
         """The measurement as the particles predicted it."""
