@@ -51,7 +51,9 @@ class GaussianSumPosterior(ParticlePosterior):
 
     Attributes:
         mean, cov, std: of the mixtures.
-        ess, particles, log_weights, log_likelihood: as of a `ParticlePosterior`; particles have no ancestors.
+        ess, particles, log_weights: as of a `ParticlePosterior`; particles have no ancestors.
+        log_likelihood: natural logarithm of an estimate of the density of all measurements (), consistent, but not
+            unbiased, as the mixtures are found in samples.
     """
 
     FIELDS: ClassVar[tuple[str, ...]] = (*FIELDS, "particles", "log_weights")
