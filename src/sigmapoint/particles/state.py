@@ -127,7 +127,7 @@ class ParticleInfo(NamedTuple):
     nis: Float[Array, ""]
     """Normalised innovation squared [1]: its mean is the number of elements measured, if the model is right."""
     log_likelihood: Float[Array, ""]
-    """Natural logarithm of an estimate of the predicted density of what was measured: unbiased, but for a Gaussian sum,
-    whose mixtures are found in samples."""
+    """Natural logarithm of an estimate of the predicted density of what was measured: unbiased; consistent only of a
+    Gaussian sum, whose mixtures are found in samples."""
     ess: Float[Array, ""]
     """Effective sample size after weighing; 0 where no particle explains the measurement (all weights were zero)."""
