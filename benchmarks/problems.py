@@ -88,7 +88,9 @@ def lorenz96_measurements(n: int, rows: int, seed: int = 0) -> np.ndarray:
 def growth() -> Problem:
     """A growth model of one state (Kitagawa 1987, without its forcing), seen by how far it is from −2: two modes."""
     one = np.eye(1)
-    return Problem(lambda x: x / 2 + 25 * x / (1 + x**2), lambda x: (x + 2) ** 2 / 20, 10 * one, one, np.zeros(1), 5 * one)
+    return Problem(
+        lambda x: x / 2 + 25 * x / (1 + x**2), lambda x: (x + 2) ** 2 / 20, 10 * one, one, np.zeros(1), 5 * one
+    )
 
 
 def growth_measurements(rows: int, seed: int = 0) -> np.ndarray:

@@ -3,6 +3,7 @@
 from typing import Any
 
 import jax.numpy as jnp
+import pytest
 
 import sigmapoint as sp
 
@@ -15,6 +16,11 @@ MODEL = sp.StateSpaceModel(
 )
 Y = jnp.array([[1.5], [jnp.nan], [0.4], [-1.0], [-0.2], [1.1]])
 EXACT = sp.filter(MODEL, Y)
+
+
+def some(names, slow):
+    """Parameters of a test, some of them for `-m slow` only."""
+    return [pytest.param(name, marks=pytest.mark.slow) if name in slow else name for name in names]
 
 
 def makes(N: int) -> dict[str, Any]:

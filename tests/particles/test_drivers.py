@@ -4,17 +4,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from particles.scalar_case import EXACT, MODEL, Y, makes
+from particles.scalar_case import EXACT, MODEL, Y, makes, some
 
 import sigmapoint as sp
 
 DRAWS = 1e-6
 """Agreement of two programs: draws are computed in 32 bits, and the compiler may round them in another order."""
 SOME = ["bootstrap", "upf", "auxiliary upf", "moved upf"]
+SLOW = ["upf", "auxiliary", "auxiliary upf"]
 N = 200
 
 
-@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("name", some(SOME, SLOW))
 def test_online_is_filter(name):
     method = makes(N)[name]
     whole = sp.filter(MODEL, Y, method=method, key=3, keep=("mean", "particles", "ancestors", "log_weights"))
@@ -29,7 +30,7 @@ def test_online_is_filter(name):
         state = live.predict(state)
 
 
-@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("name", some(SOME, SLOW))
 def test_a_missing_row_leaves_the_prediction(name):
     live = sp.online(MODEL, makes(N)[name])
     state = live.predict(live.update(live.init(key=0), [1.0])[0])
@@ -41,7 +42,7 @@ def test_a_missing_row_leaves_the_prediction(name):
     assert np.isnan(info.innovation).all()
 
 
-@pytest.mark.parametrize("name", ["bootstrap", "upf", "auxiliary"])
+@pytest.mark.parametrize("name", some(["bootstrap", "upf", "auxiliary"], SLOW))
 def test_two_measurements_at_one_instant_both_count(name):
     live, exact = sp.online(MODEL, makes(20_000)[name]), sp.online(MODEL)
     state, truth = live.init(key=0), exact.init()
@@ -53,7 +54,7 @@ def test_two_measurements_at_one_instant_both_count(name):
         state, truth = live.predict(live.predict(state)), exact.predict(exact.predict(truth))
 
 
-@pytest.mark.parametrize("smoother", [None, sp.fixed_lag(2), sp.backward_simulation(20)])
+@pytest.mark.parametrize("smoother", some([sp.backward_simulation(20), None, sp.fixed_lag(2)], [None, sp.fixed_lag(2)]))
 def test_a_row_of_a_batch_is_a_single_run(smoother):
     series = [np.asarray(Y[:3]), np.asarray(Y)]
     many = sp.batch(MODEL, series, method=sp.ekpf(N), key=5, smoother=smoother)

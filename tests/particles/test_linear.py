@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from particles.scalar_case import EXACT, MODEL, Y, makes
+from particles.scalar_case import EXACT, MODEL, Y, makes, some
 
 import sigmapoint as sp
 
@@ -17,10 +17,10 @@ def runs(method, count):
     return jax.vmap(lambda key: sp.filter(MODEL, Y, method=method, key=key, keep=("mean", "std")))(keys)
 
 
-SLOW = ("carried, its own noise", "auxiliary", "auxiliary upf", "moved upf")
+SLOW = ("ekpf", "carried, its own noise", "fully adapted", "auxiliary upf", "moved upf", "Rao-Blackwellised")
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in makes(1)])
+@pytest.mark.parametrize("name", some(makes(1), SLOW))
 def test_convergence_to_the_kalman_filter_is_of_order_one_half(name):
     error = {}
     for N, count in RUNS.items():

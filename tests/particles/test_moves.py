@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from particles.scalar_case import MODEL
+from particles.scalar_case import MODEL, some
 
 import sigmapoint as sp
 
@@ -24,10 +24,13 @@ MOVES = {
     "a kernel of one's own": sp.moves.metropolis(drift, steps=5),
 }
 
+PROPOSALS = {"prior": sp.proposals.prior(), "upf": sp.proposals.carried(sp.srukf())}
 
-@pytest.mark.parametrize("proposal", [sp.proposals.prior(), sp.proposals.carried(sp.srukf())], ids=["prior", "upf"])
+
+@pytest.mark.parametrize("proposal", some(PROPOSALS, ["upf"]))
 @pytest.mark.parametrize("name", MOVES)
 def test_a_move_leaves_the_posterior_as_it_is_and_parts_copies(name, proposal):
+    proposal = PROPOSALS[proposal]
     y = jnp.array([[0.2], [2.5]])
     method = sp.particle_filter(N, proposal=proposal, threshold=1.0, move=MOVES[name])
     still = sp.particle_filter(N, proposal=proposal, threshold=1.0)

@@ -21,27 +21,27 @@ from sigmapoint.particles.expectation_maximization import about, fitted
 from sigmapoint.particles.instant import Instant, Surprise
 from sigmapoint.particles.mixture import Mixture, together
 from sigmapoint.particles.normals import normals
+from sigmapoint.particles.sampled import Draws, Sampled
 from sigmapoint.particles.state import ParticleInfo
-from sigmapoint.particles.weights import effective, even, weighed
+from sigmapoint.particles.weights import Cloud, effective, even, weighed
 from sigmapoint.series import of_each
-from sigmapoint.spaces import Space
 from sigmapoint.step import Filter
 from sigmapoint.system import System, initial
 
-PLACES, DRAWN = range(2)
+DRAWN = 0
 """What random numbers are for."""
 SETTLED = 20
 """Iterations in which the mixture for the initial belief is found."""
 
 
-class GaussianSumState(eqx.Module):
+class GaussianSumState(Sampled):
     """What a Gaussian-sum filter knows at instant `step`.
 
     Attributes:
         mixture: the belief: `log_weights` (G,), `mean` (G, d) and `factor` (G, n, n) of its components.
         particles: draws (N, d) that it was found in, in the units of the state.
         log_weights: logarithms of their weights (N,), which sum to one.
-        key: of the draws to come, with `count` as their number.
+        draws: where the filter is in its random numbers.
         step: the instant.
 
     Examples:
@@ -55,35 +55,11 @@ class GaussianSumState(eqx.Module):
 
     mixture: Mixture
     particles: Float[Array, "N d"]
-    log_weights: Float[Array, " N"]
-    key: Array
-    count: Int[Array, ""]
     step: Int[Array, ""]
-    space: Space = eqx.field(static=True)
 
     @property
-    def mean(self) -> Float[Array, " d"]:
-        """Mean of the state, in its units."""
-        return self.mixture.moments(self.space).mean
-
-    @property
-    def cov(self) -> Float[Array, "n n"]:
-        """Covariance of the state, in products of its units."""
-        return self.mixture.moments(self.space).cov
-
-    @property
-    def std(self) -> Float[Array, " n"]:
-        """Standard deviations of the state's elements, in their units."""
-        return self.mixture.moments(self.space).std
-
-    @property
-    def ess(self) -> Float[Array, ""]:
-        """Effective sample size, from 1 to the number of particles."""
-        return effective(self.log_weights)
-
-    def random(self, purpose: int) -> Array:
-        """The key of this operation for one purpose."""
-        return jax.random.fold_in(jax.random.fold_in(self.key, self.count), purpose)
+    def moments(self) -> Cloud:
+        return self.mixture.moments(self.space)
 
 
 class Part(NamedTuple):
@@ -117,16 +93,21 @@ class GaussianSumFilter(NamedTuple):
     def init(self) -> GaussianSumState:
         """A mixture for the initial belief, at instant 0: found in draws that have just its moments."""
         N, G, space = self.method.particles, self.method.components, self.model.state_space
-        belief = self.model.initial
-        assert self.key is not None
-        steps = initial(self.model).draws(jax.random.fold_in(self.key, PLACES), N, normals)
+        belief, draws = self.model.initial, Draws.of(self.key)
+        steps = initial(self.model).draws(draws.key_for(DRAWN), N, normals)
         steps = _with_covariance(steps, belief.cov.astype(steps.dtype))
         particles = jax.vmap(lambda step: space.retract(belief.mean, step))(steps)
         log_weights = even(N, belief.mean.dtype)
         start = about(particles[:: N // G][:G], belief.cov.astype(belief.mean.dtype))
         mixture = fitted(particles, log_weights, start, SETTLED, space)
-        nought = jnp.zeros((), int)
-        return GaussianSumState(mixture, particles, log_weights, self.key, nought + 1, nought, space)
+        return GaussianSumState(
+            mixture=mixture,
+            particles=particles,
+            log_weights=log_weights,
+            draws=draws.after(),
+            step=jnp.zeros((), int),
+            space=space,
+        )
 
     def predict(self, state: GaussianSumState, u: Any) -> GaussianSumState:
         """The mixture about the next instant, and draws of it."""
@@ -142,10 +123,16 @@ class GaussianSumFilter(NamedTuple):
         every = jax.tree.map(lambda *a: jnp.concatenate(a), *map(taken_on, self.ahead))
         mixture = every.reduced(self.method.components, state.space)
         alike = jax.tree.map(lambda a: a[None], mixture)
-        sample = self.method.recovery.sample(state.random(DRAWN), mixture, alike, self.method.particles, state.space)
+        sample = self.method.recovery.sample(
+            state.draws.key_for(DRAWN), mixture, alike, self.method.particles, state.space
+        )
         log_weights = weighed(jnp.zeros_like(sample.log_ratio), sample.log_ratio).log_weights
-        return GaussianSumState(
-            mixture, sample.particles, log_weights, state.key, state.count + 1, state.step + 1, state.space
+        return state.replace(
+            mixture=mixture,
+            particles=sample.particles,
+            log_weights=log_weights,
+            draws=state.draws.after(),
+            step=state.step + 1,
         )
 
     def update(self, state: GaussianSumState, y: Float[Array, " e"], u: Any) -> tuple[GaussianSumState, ParticleInfo]:
@@ -162,7 +149,7 @@ class GaussianSumFilter(NamedTuple):
             return of_each(one, *state.mixture)
 
         proposal = jax.tree.map(lambda *a: jnp.stack(a), *map(updated, self.given))
-        sample = method.recovery.sample(state.random(DRAWN), state.mixture, proposal, method.particles, space)
+        sample = method.recovery.sample(state.draws.key_for(DRAWN), state.mixture, proposal, method.particles, space)
         log_joint = sample.log_ratio + at.log_likelihood(sample.particles)
         log_weights, log_likelihood = weighed(jnp.zeros_like(log_joint), log_joint)
         explained = log_likelihood > -jnp.inf
@@ -176,7 +163,8 @@ class GaussianSumFilter(NamedTuple):
         )
         ess = jnp.where(explained, effective(kept), 0.0)
         info = ParticleInfo(*self._predicted(at, state), jnp.where(at.active.any(), log_likelihood, 0.0), ess)
-        return GaussianSumState(mixture, particles, kept, state.key, state.count + 1, state.step, space), info
+        after = {"mixture": mixture, "particles": particles, "log_weights": kept, "draws": state.draws.after()}
+        return state.replace(**after), info
 
     def _component(self, mean: Array, factor: Array, step: Array) -> Any:
         """One component as a Gaussian filter knows it."""

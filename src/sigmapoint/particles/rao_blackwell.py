@@ -9,7 +9,6 @@ approximated (Doucet, de Freitas, Murphy & Russell 2000; Schön, Gustafsson & No
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
@@ -21,12 +20,12 @@ from sigmapoint.native import applied
 from sigmapoint.particles.instant import Instant, Surprise
 from sigmapoint.particles.mixture import together
 from sigmapoint.particles.normals import normals
+from sigmapoint.particles.sampled import Draws, Sampled
 from sigmapoint.particles.selection import uneven
 from sigmapoint.particles.state import ParticleInfo
 from sigmapoint.particles.weights import Cloud, effective, even, weighed
 from sigmapoint.rules.linearization import Linearization
 from sigmapoint.series import of_each
-from sigmapoint.spaces import Space
 from sigmapoint.step import Filter, FilterState
 from sigmapoint.system import System
 
@@ -34,14 +33,14 @@ RESAMPLED, DRAWN = range(2)
 """What random numbers are for."""
 
 
-class RaoBlackwellisedState(eqx.Module):
+class RaoBlackwellisedState(Sampled):
     """What a Rao-Blackwellised particle filter knows at instant `step`.
 
     Attributes:
         filters: the states of N Gaussian filters, one for each particle.
         log_weights: logarithms of their weights (N,), which sum to one.
         ancestors: for each, its place among the particles of the instant before (N,).
-        key: of the draws to come, with `count` as their number.
+        draws: where the filter is in its random numbers.
 
     Examples:
         >>> import jax.numpy as jnp, sigmapoint as sp
@@ -53,11 +52,7 @@ class RaoBlackwellisedState(eqx.Module):
     """
 
     filters: FilterState
-    log_weights: Float[Array, " N"]
     ancestors: Int[Array, " N"]
-    key: Array
-    count: Int[Array, ""]
-    space: Space = eqx.field(static=True)
 
     @property
     def step(self) -> Int[Array, ""]:
@@ -70,34 +65,10 @@ class RaoBlackwellisedState(eqx.Module):
         return self.filters.belief.mean
 
     @property
-    def mean(self) -> Float[Array, " d"]:
-        """Mean of the state, in its units."""
-        return self._moments.mean
-
-    @property
-    def cov(self) -> Float[Array, "n n"]:
-        """Covariance of the state, in products of its units."""
-        return self._moments.cov
-
-    @property
-    def std(self) -> Float[Array, " n"]:
-        """Standard deviations of the state's elements, in their units."""
-        return self._moments.std
-
-    @property
-    def ess(self) -> Float[Array, ""]:
-        """Effective sample size, from 1 to the number of particles."""
-        return effective(self.log_weights)
-
-    @property
-    def _moments(self) -> Cloud:
+    def moments(self) -> Cloud:
         belief = self.filters.belief
         covs = belief.factor @ jnp.swapaxes(belief.factor, 1, 2)
         return together(self.log_weights, belief.mean, covs, self.space)
-
-    def random(self, purpose: int) -> Array:
-        """The key of this operation for one purpose."""
-        return jax.random.fold_in(jax.random.fold_in(self.key, self.count), purpose)
 
 
 class RaoBlackwellisedFilter(NamedTuple):
@@ -114,13 +85,14 @@ class RaoBlackwellisedFilter(NamedTuple):
 
     def init(self) -> RaoBlackwellisedState:
         """Draws of the initial belief, at instant 0."""
-        assert self.key is not None
-        N, mean = self.method.particles, self.model.initial.mean
+        N, mean, draws = self.method.particles, self.model.initial.mean, Draws.of(self.key)
         start = jax.tree.map(lambda a: jnp.broadcast_to(a, (N, *a.shape)), self.filter.init())
-        filters = self._drawn(jax.random.fold_in(self.key, 0), start)
-        every = jnp.arange(N, dtype=jnp.int32)
         return RaoBlackwellisedState(
-            filters, even(N, mean.dtype), every, self.key, jnp.ones((), int), self.model.state_space
+            filters=self._drawn(draws.key_for(DRAWN), start),
+            log_weights=even(N, mean.dtype),
+            ancestors=jnp.arange(N, dtype=jnp.int32),
+            draws=draws.after(),
+            space=self.model.state_space,
         )
 
     def predict(self, state: RaoBlackwellisedState, u: Any) -> RaoBlackwellisedState:
@@ -129,7 +101,7 @@ class RaoBlackwellisedFilter(NamedTuple):
         every = jnp.arange(method.particles, dtype=state.ancestors.dtype)
 
         def chosen() -> tuple[FilterState, Array, Array]:
-            ancestors = method.resampling(state.random(RESAMPLED), state.log_weights)
+            ancestors = method.resampling(state.draws.key_for(RESAMPLED), state.log_weights)
             filters = jax.tree.map(lambda a: a[ancestors], state.filters)
             return filters, even(method.particles, state.log_weights.dtype), every[ancestors]
 
@@ -137,8 +109,8 @@ class RaoBlackwellisedFilter(NamedTuple):
             uneven(method, state.log_weights), chosen, lambda: (state.filters, state.log_weights, every)
         )
         ahead = of_each(lambda one: self.filter.predict(one, u), filters)
-        drawn = self._drawn(state.random(DRAWN), ahead)
-        return RaoBlackwellisedState(drawn, log_weights, ancestors, state.key, state.count + 1, state.space)
+        drawn = self._drawn(state.draws.key_for(DRAWN), ahead)
+        return state.replace(filters=drawn, log_weights=log_weights, ancestors=ancestors, draws=state.draws.after())
 
     def update(
         self, state: RaoBlackwellisedState, y: Float[Array, " e"], u: Any
@@ -148,8 +120,7 @@ class RaoBlackwellisedFilter(NamedTuple):
         log_weights, log_likelihood = weighed(state.log_weights, infos.log_likelihood)
         ess = jnp.where(log_likelihood > -jnp.inf, effective(log_weights), 0.0)
         info = ParticleInfo(*self._predicted(state, y, u), log_likelihood, ess)
-        after = RaoBlackwellisedState(filters, log_weights, state.ancestors, state.key, state.count + 1, state.space)
-        return after, info
+        return state.replace(filters=filters, log_weights=log_weights, draws=state.draws.after()), info
 
     def _drawn(self, key: Array, filters: FilterState) -> FilterState:
         """Each belief given a draw of the sampled elements from it."""

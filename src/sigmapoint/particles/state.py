@@ -2,14 +2,13 @@
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int
 
 from sigmapoint.devices import placed
-from sigmapoint.particles.weights import effective, moments
-from sigmapoint.spaces import Space
+from sigmapoint.particles.sampled import Sampled
+from sigmapoint.particles.weights import Cloud, moments
 
 AXIS = "particles"
 
@@ -25,7 +24,7 @@ class Origin(NamedTuple):
     """no measurement has been taken in since"""
 
 
-class ParticleState(eqx.Module):
+class ParticleState(Sampled):
     """What a particle filter knows at instant `step`: weighted draws of the state.
 
     Attributes:
@@ -33,7 +32,7 @@ class ParticleState(eqx.Module):
         log_weights: logarithms of their weights (N,), which sum to one.
         ancestors: for each, its place among the particles of the instant before (N,).
         origin: what they were drawn from.
-        key: of the draws to come, with `count` as their number.
+        draws: where the filter is in its random numbers.
         step: the instant.
 
     Examples:
@@ -46,42 +45,13 @@ class ParticleState(eqx.Module):
     """
 
     particles: Float[Array, "N d"]
-    log_weights: Float[Array, " N"]
     ancestors: Int[Array, " N"]
     origin: Origin
-    key: Array
-    count: Int[Array, ""]
     step: Int[Array, ""]
-    space: Space = eqx.field(static=True)
 
     @property
-    def mean(self) -> Float[Array, " d"]:
-        """Mean of the state, in its units."""
-        return moments(self.particles, self.log_weights, self.space).mean
-
-    @property
-    def cov(self) -> Float[Array, "n n"]:
-        """Covariance of the state, in products of its units."""
-        return moments(self.particles, self.log_weights, self.space).cov
-
-    @property
-    def std(self) -> Float[Array, " n"]:
-        """Standard deviations of the state's elements, in their units."""
-        return moments(self.particles, self.log_weights, self.space).std
-
-    @property
-    def ess(self) -> Float[Array, ""]:
-        """Effective sample size, from 1 to the number of particles."""
-        return effective(self.log_weights)
-
-    def random(self, purpose: int) -> Array:
-        """The key of this operation for one purpose."""
-        return jax.random.fold_in(jax.random.fold_in(self.key, self.count), purpose)
-
-    def replace(self, **fields: Any) -> "ParticleState":
-        """With other values of some fields."""
-        names = self.__dataclass_fields__
-        return ParticleState(**{name: fields.get(name, getattr(self, name)) for name in names})
+    def moments(self) -> Cloud:
+        return moments(self.particles, self.log_weights, self.space)
 
     def spread(self, over: Mesh | None) -> "ParticleState":
         """The same, the particles spread over devices."""

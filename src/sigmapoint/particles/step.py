@@ -16,6 +16,7 @@ from sigmapoint.particles.instant import Instant, Surprise
 from sigmapoint.particles.moves import Setting
 from sigmapoint.particles.normals import normals
 from sigmapoint.particles.proposal import Drawn, Prospect
+from sigmapoint.particles.sampled import Draws
 from sigmapoint.particles.selection import uneven
 from sigmapoint.particles.state import Origin, ParticleInfo, ParticleState
 from sigmapoint.particles.weights import effective, even, moments, weighed
@@ -47,35 +48,43 @@ class ParticleFilter(NamedTuple):
 
     def init(self) -> ParticleState:
         """Draws of the initial belief, at instant 0."""
-        N, mean, space = self.method.particles, self.model.initial.mean, self.model.state_space
-        assert self.key is not None
-        steps = initial(self.model).draws(jax.random.fold_in(self.key, 0), N, normals)
+        N, mean, space, draws = (
+            self.method.particles,
+            self.model.initial.mean,
+            self.model.state_space,
+            Draws.of(self.key),
+        )
+        steps = initial(self.model).draws(draws.key_for(DRAWN), N, normals)
         particles = jax.vmap(lambda step: space.retract(mean, step))(steps)
         centre = jnp.broadcast_to(mean, particles.shape)
-        origin = Origin(centre, self.method.proposal.start(self.tools, N), jnp.ones((), bool))
-        every = jnp.arange(N, dtype=jnp.int32)
         state = ParticleState(
-            particles, even(N, mean.dtype), every, origin, self.key, jnp.ones((), int), jnp.zeros((), int), space
+            particles=particles,
+            log_weights=even(N, mean.dtype),
+            ancestors=jnp.arange(N, dtype=jnp.int32),
+            origin=Origin(centre, self.method.proposal.start(self.tools, N), jnp.ones((), bool)),
+            draws=draws.after(),
+            step=jnp.zeros((), int),
+            space=space,
         )
         return state.spread(self.method.over)
 
     def predict(self, state: ParticleState, u: Any) -> ParticleState:
         """Particles drawn for the next instant, of those that are worth it."""
         fs, method = self.system.functions(state.step), self.method
-        state = method.selection.before_time(method, state.random(RESAMPLED), state)
-        noise = self.process.density(state.step).draws(state.random(DRAWN), method.particles, normals)
+        state = method.selection.before_time(method, state.draws.key_for(RESAMPLED), state)
+        noise = self.process.density(state.step).draws(state.draws.key_for(DRAWN), method.particles, normals)
         step = fs.process.drawn(fs.f, fs.state_space)
         particles, centre = jax.vmap(lambda x, w: step(x, u, w))(state.particles, noise)
         origin = Origin(centre, method.proposal.ahead(self.tools, state, u), jnp.ones((), bool))
-        ahead = state.replace(particles=particles, origin=origin, count=state.count + 1, step=state.step + 1)
+        ahead = state.replace(particles=particles, origin=origin, draws=state.draws.after(), step=state.step + 1)
         return ahead.spread(method.over)
 
     def update(self, state: ParticleState, y: Float[Array, " e"], u: Any) -> tuple[ParticleState, ParticleInfo]:
         """Particles after a measurement; elements that are NaN were not measured."""
         method, at = self.method, Instant.of(self.system, state.step, y, u)
         prospect = method.proposal.prospect(self.tools, at, state)
-        chosen = method.selection.before_drawing(method, state.random(RESAMPLED), at, state, prospect)
-        drawn = method.proposal.draw(at, state.random(DRAWN), chosen.state, chosen.prospect)
+        chosen = method.selection.before_drawing(method, state.draws.key_for(RESAMPLED), at, state, prospect)
+        drawn = method.proposal.draw(at, state.draws.key_for(DRAWN), chosen.state, chosen.prospect)
         log_weights, log_likelihood = weighed(chosen.state.log_weights, drawn.log_ratio + chosen.log_first)
         ess = jnp.where(log_likelihood > -jnp.inf, effective(log_weights), 0.0)
         info = ParticleInfo(*self._predicted(at, state), log_likelihood, ess)
@@ -84,7 +93,7 @@ class ParticleFilter(NamedTuple):
         if method.move is not None:
             after = self._moved(at, after, chosen.prospect, drawn)
         origin = after.origin._replace(fresh=after.origin.fresh & ~at.active.any())
-        return after.replace(origin=origin, count=state.count + 1).spread(method.over), info
+        return after.replace(origin=origin, draws=state.draws.after()).spread(method.over), info
 
     def _predicted(self, at: Instant, state: ParticleState) -> Surprise:
         """The measurement as the particles predicted it."""
@@ -100,10 +109,10 @@ class ParticleFilter(NamedTuple):
 
         def apart() -> ParticleState:
             log_weights = even(method.particles, state.log_weights.dtype)
-            ancestors = method.resampling(state.random(RESAMPLED_AGAIN), state.log_weights)
+            ancestors = method.resampling(state.draws.key_for(RESAMPLED_AGAIN), state.log_weights)
             given, copies = jax.tree.map(lambda a: a[ancestors], (prospect, drawn))
             copied = state.chosen(ancestors, log_weights)
             setting = Setting(at, copied, method.proposal, given)
-            return copied.replace(particles=method.move(state.random(MOVED), setting, copies).particles)
+            return copied.replace(particles=method.move(state.draws.key_for(MOVED), setting, copies).particles)
 
         return jax.lax.cond(at.usable(state) & uneven(method, state.log_weights), apart, lambda: state)
