@@ -87,6 +87,8 @@ class Posterior(eqx.Module):
     """what can be kept"""
     ALWAYS: ClassVar[tuple[str, ...]] = ()
     """what is kept beside the log-likelihood in any case"""
+    AXES: ClassVar[dict[str, tuple[str, ...]]] = {}
+    """of fields that other results do not have, in a table"""
 
     mean: Float[Array, "*B T d"] | None
     cov: Float[Array, "*B T n n"] | None

@@ -18,7 +18,8 @@ def to_xarray(post: Posterior, time: Any = None) -> Any:
 
     Returns:
         `mean`, `std` (time, state), `cov` (time, state, state2), `innovation` (time, observation), `innovation_cov`,
-        `nis` (time), `y`, and `u` (time, input) where inputs are numeric columns; what was not kept is left out.
+        `nis` (time), `y`, and `u` (time, input) where inputs are numeric columns; of particle filters `ess` (time),
+        `particles` (time, particle, state), `log_weights` and `ancestors`; what was not kept is left out.
         Coordinates `state_unit` and `observation_unit`; attribute `log_likelihood`. On a manifold with fewer dimensions
         than elements, errors are along `tangent` in place of `state`, and `observation_tangent` of `observation`.
 
@@ -47,6 +48,7 @@ def to_xarray(post: Posterior, time: Any = None) -> Any:
         "innovation": ("time", sensed),
         "innovation_cov": ("time", sensed, f"{sensed}2"),
         "nis": ("time",),
+        **post.AXES,
     }
     kept = {name: getattr(post, name) for name in dims}
     fields = {name: (dims[name], host(values)) for name, values in kept.items() if values is not None}
@@ -73,6 +75,7 @@ def to_xarray(post: Posterior, time: Any = None) -> Any:
         "std": errors.units,
         "innovation": surprises.units,
         "y": labels.observation_units,
+        "particles": labels.state_units,
     }
     for name in units.keys() & set(data):
         data[name].attrs["units"] = list(units[name])
@@ -88,8 +91,9 @@ def to_frame(post: Posterior, time: Any = None) -> Any:
 
     Returns:
         Indexed by `time`: for each state `soc` and `soc std`; for each measurement `voltage measured`,
-        `voltage innovation`, `voltage innovation std`; `nis`. What was not kept is left out. Units are in
-        `frame.attrs["units"]`, by column, and are stored with a parquet file. `nis` is NaN where nothing was measured.
+        `voltage innovation`, `voltage innovation std`; `nis`, and `ess` of particles. What was not kept is left out.
+        Units are in `frame.attrs["units"]`, by column, and are stored with a parquet file. `nis` is NaN where nothing
+        was measured.
 
     Raises:
         ValueError: `time` of another length; a batch of results.
@@ -123,6 +127,8 @@ def to_frame(post: Posterior, time: Any = None) -> Any:
     if post.innovation_cov is not None:
         add(surprises, " innovation std", np.sqrt(np.einsum("tii->ti", host(post.innovation_cov))))
     add(Axis(("nis",), ("1",)), "", None if post.nis is None else _nis(post)[:, None])
+    for name in (name for name, axes in post.AXES.items() if axes == ("time",)):
+        add(Axis((name,), ("1",)), "", host(getattr(post, name))[:, None])
     frame = pd.DataFrame(table, index=pd.Index(instants(time, T), name="time"))
     frame.attrs["units"] = units
     return frame

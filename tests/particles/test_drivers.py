@@ -167,7 +167,16 @@ def test_compare_diagnose_and_report_take_particle_filters(tmp_path):
     assert rmse[1] == pytest.approx(rmse[0], rel=0.05)
     assert sp.diagnose(table.posteriors["bootstrap"]).verdicts
     sp.report(table.posteriors, tmp_path / "page.html", truth=x)
-    assert table.posteriors["bootstrap"].to_frame().shape[0] == 40
+    assert "ess" in table.posteriors["bootstrap"].to_frame()
+
+
+def test_particles_in_a_dataset_have_axes_of_their_own():
+    post = sp.filter(MODEL, Y, method=sp.bootstrap(10), key=0, keep=("mean", "particles", "log_weights"))
+    data = post.to_xarray()
+    assert dict(data["particles"].sizes) == {"time": 6, "particle": 10, "state": 1}
+    assert data["ess"].dims == ("time",)
+    assert "ancestors" not in data
+    assert "ess" not in sp.filter(MODEL, Y).to_xarray()
 
 
 def test_noise_inside_the_dynamics_is_drawn():

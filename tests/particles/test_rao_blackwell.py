@@ -22,7 +22,7 @@ METHOD = sp.rao_blackwellised(4000, ("phase",))
 def test_the_answer_is_that_of_many_particles():
     exact = sp.filter(MODEL, Y, method=sp.bootstrap(200_000), key=1)
     post = sp.filter(MODEL, Y, method=sp.rao_blackwellised(20_000, ("phase",)), key=0)
-    # Standard errors of both together, of 16 runs: 0.015 of a mean, 0.045 of a deviation (of a belief with tails), 0.03.
+    # Standard errors of both together, from 16 runs: 0.015 of a mean, 0.045 of a deviation (a belief with tails), 0.03.
     assert (np.abs(np.asarray(post.mean - exact.mean)) < 0.08 * np.asarray(exact.std)).all()
     np.testing.assert_allclose(post.std, exact.std, rtol=0.15)
     np.testing.assert_allclose(post.log_likelihood, exact.log_likelihood, atol=0.15)

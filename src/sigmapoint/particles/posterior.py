@@ -24,6 +24,12 @@ class ParticlePosterior(Posterior):
 
     FIELDS: ClassVar[tuple[str, ...]] = (*FIELDS, "particles", "log_weights", "ancestors")
     ALWAYS: ClassVar[tuple[str, ...]] = ("ess",)
+    AXES: ClassVar[dict[str, tuple[str, ...]]] = {
+        "ess": ("time",),
+        "particles": ("time", "particle", "state"),
+        "log_weights": ("time", "particle"),
+        "ancestors": ("time", "particle"),
+    }
 
     ess: Float[Array, "*B T"] | None
     particles: Float[Array, "*B T N d"] | None
