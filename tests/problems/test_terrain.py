@@ -33,7 +33,7 @@ def test_the_height_is_smooth_enough_to_be_followed():
 
 
 def test_ridges_are_told_apart_after_a_minute_and_not_before():
-    along = terrain.SPEED * terrain.STEP * jnp.arange(terrain.STEPS)
+    along = terrain.SPEED * terrain.STEP * jnp.arange(float(terrain.STEPS))
     ahead = np.cumsum(np.asarray(terrain.difference(along)) ** 2) / (2 * terrain.HEIGHT_STD**2)  # as expected
     assert ahead[60] < np.log(20)
     assert ahead[100] > np.log(1e6)
