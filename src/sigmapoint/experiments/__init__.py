@@ -65,6 +65,7 @@ _ALL = (
     Experiment(
         "upf-synthetic", "particle filters with proposals of Kalman filters: gamma noise", _lazily("upf_synthetic")
     ),
+    Experiment("terrain", "an aircraft above one of several ridges that look alike", _lazily("terrain")),
     Experiment(
         "options",
         "interest rate and volatility from prices of options on an index",
