@@ -1,6 +1,7 @@
 """Tables carry every field under its name, with units, and refuse what does not fit."""
 
 import dataclasses
+from dataclasses import fields
 from datetime import UTC, datetime, timedelta, timezone
 
 import jax
@@ -74,7 +75,7 @@ def test_units_survive_a_parquet_file(post, tmp_path):
 
 def test_what_was_not_kept_is_left_out(post):
     few = jax.tree.map(lambda a: a, post)
-    few = type(post)(**{f: getattr(few, f) for f in post.__dataclass_fields__} | {"cov": None, "nis": None})
+    few = type(post)(**{f.name: getattr(few, f.name) for f in fields(post)} | {"cov": None, "nis": None})
     assert "cov" not in to_xarray(few)
     assert "nis" not in to_frame(few)
 

@@ -1,5 +1,6 @@
 """What all filters that draw know at one instant: weights, where they are in their random numbers, and moments."""
 
+import dataclasses
 from abc import abstractmethod
 from typing import Any, NamedTuple, TypeVar
 
@@ -69,4 +70,4 @@ class Sampled(eqx.Module):
 
     def replace(self: Own, **fields: Any) -> Own:
         """With other values of some fields."""
-        return type(self)(**{name: fields.get(name, getattr(self, name)) for name in self.__dataclass_fields__})
+        return type(self)(**{f.name: fields.get(f.name, getattr(self, f.name)) for f in dataclasses.fields(self)})
