@@ -1,6 +1,7 @@
 """What particle filters refuse, and what they say."""
 
 import jax.numpy as jnp
+import numpyro.distributions as dist
 from particles.scalar_case import MODEL, Y
 
 import sigmapoint as sp
@@ -26,6 +27,11 @@ def known():
 
 def own(cov):
     return sp.particle_filter(10, proposal=sp.proposals.prior(process_noise=cov))
+
+
+def tailed():
+    two = dist.MixtureSameFamily(dist.Categorical(jnp.array([0.5, 0.5])), dist.Normal(jnp.zeros(2), jnp.ones(2)))
+    return model(observation_noise=two)
 
 
 REFUSED = {
@@ -114,6 +120,14 @@ REFUSED = {
     "sampled by another name": (
         lambda: sp.filter(MODEL, Y, method=sp.rao_blackwellised(10, ("tone",)), key=0),
         "sampled must be .* got 'tone'",
+    ),
+    "a Gaussian filter of a distribution": (
+        lambda: sp.filter(tailed(), Y, method=sp.rao_blackwellised(10, (0,)), key=0),
+        "observation_noise must be a Gaussian for a Rao-Blackwellised filter",
+    ),
+    "fewer particles than proposals": (
+        lambda: sp.filter(tailed(), Y, method=sp.gspf(10, 15), key=0),
+        "particles must be at least 20",
     ),
     "sampled out of place": (
         lambda: sp.filter(MODEL, Y, method=sp.rao_blackwellised(10, (3,)), key=0),

@@ -3,10 +3,12 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpyro.distributions as dist
 import pytest
 from particles.scalar_case import EXACT, MODEL, Y, makes, some
 
 import sigmapoint as sp
+from sigmapoint.particles.weights import weighed
 
 DRAWS = 1e-6
 """Agreement of two programs: draws are computed in 32 bits, and the compiler may round them in another order."""
@@ -90,6 +92,36 @@ def test_where_no_particle_explains_a_measurement_they_stay_as_predicted():
     assert float(post.ess[1]) == 0
     np.testing.assert_allclose(post.mean, missing.mean, rtol=1e-12)
     assert np.isfinite(post.log_weights).all()
+
+
+@pytest.mark.parametrize("name", some(["upf", "auxiliary", "Rao-Blackwellised"], ["auxiliary"]))
+def test_proposals_leave_what_they_cannot_explain(name):
+    """No density at all that far out, for particles that a proposal has drawn near."""
+    live = sp.online(MODEL, makes(100)[name])
+    state = live.predict(live.update(live.init(key=0), [1.0])[0])
+    after, info = live.update(state, [1e200])
+    assert float(info.log_likelihood) == -np.inf
+    np.testing.assert_array_equal(after.particles, state.particles)
+    np.testing.assert_allclose(after.log_weights, state.log_weights, rtol=1e-12)
+
+
+def test_simulate_with_the_same_key_draws_other_numbers():
+    """Or else the true state would be among the particles."""
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        model = sp.StateSpaceModel(
+            lambda x, u: x, lambda x, u: x, jnp.eye(1), jnp.eye(1), dist.Normal(jnp.zeros(1), 10)
+        )
+        x, _ = sp.simulate(model, 2, key=0)
+        for method in (sp.bootstrap(50), sp.gspf(5, 50)):
+            assert np.abs(np.asarray(sp.online(model, method).init(key=0).particles - x[0])).min() > 1e-9
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_weights_sum_to_one_whatever_their_size(dtype):
+    x = jnp.linspace(-2, 2, 200, dtype=dtype)
+    for off in (1e2, 1e5, 1e7, 1e15):
+        found = weighed(jnp.zeros_like(x), -(x**2) / 2 - jnp.asarray(off, dtype))
+        np.testing.assert_allclose(jnp.exp(found.log_weights).sum(), 1, rtol=1e-5)
 
 
 def test_particles_for_which_the_model_has_no_value_weigh_nothing():

@@ -61,3 +61,6 @@ def test_equal_weights_and_one_particle(name):
     assert even.shape == (64,)
     if name in ("residual", "systematic"):
         np.testing.assert_array_equal(even, np.arange(64))
+        for N in (49, 98, 103):  # of which the N-th part, N times, is less than one by round-off
+            one_each = np.asarray(SCHEMES[name](jax.random.key(0), jnp.full(N, -jnp.log(float(N)))))
+            np.testing.assert_array_equal(one_each, np.arange(N))

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 from jaxtyping import Array
 
 from sigmapoint import checks
+from sigmapoint.densities import components
 from sigmapoint.methods import srukf
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive
@@ -47,6 +48,12 @@ class GaussianSumMethod:
                 f"with each other, got {type(model.state_space).__name__}: use sp.upf(particles)"
             )
         self.method.fits(model)
+        needed = self.components * components_of(model.observation_noise)
+        if self.particles < needed:
+            raise ValueError(
+                f"particles must be at least {needed}, one for each component and component of observation_noise, got "
+                f"{self.particles}"
+            )
 
     def random(self, key: Any) -> Array:
         """The key of a run."""
@@ -55,6 +62,12 @@ class GaussianSumMethod:
     def ready(self, model: StateSpaceModel, key: Array | None = None) -> GaussianSumFilter:
         """The model made ready."""
         return GaussianSumFilter.of(model, self, key)
+
+
+def components_of(noise: Any) -> int:
+    """Of a mixture; one of any other noise."""
+    found = None if noise.distribution is None else components(noise.distribution)
+    return 1 if found is None else len(found[1])
 
 
 def gspf(components: int, particles: int, *, method: Method | None = None) -> GaussianSumMethod:

@@ -184,7 +184,7 @@ def auxiliary(method: ParticleMethod) -> ParticleMethod:
     """The same filter, choosing particles by how well they can reach the next measurement (Pitt & Shephard 1999).
 
     Args:
-        method: any particle filter without a move.
+        method: any particle filter.
 
     Returns:
         The method, with the predictive density of the measurement as first-stage weight, as the Gaussian filter of the

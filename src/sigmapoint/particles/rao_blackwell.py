@@ -118,7 +118,9 @@ class RaoBlackwellisedFilter(NamedTuple):
         """Beliefs after a measurement; elements that are NaN were not measured."""
         filters, infos = of_each(lambda one: self.filter.update(one, y, u), state.filters)
         log_weights, log_likelihood = weighed(state.log_weights, infos.log_likelihood)
-        ess = jnp.where(log_likelihood > -jnp.inf, effective(log_weights), 0.0)
+        explained = log_likelihood > -jnp.inf
+        ess = jnp.where(explained, effective(log_weights), 0.0)
+        filters = jax.tree.map(lambda new, old: jnp.where(explained, new, old), filters, state.filters)
         info = ParticleInfo(*self._predicted(state, y, u), log_likelihood, ess)
         return state.replace(filters=filters, log_weights=log_weights, draws=state.draws.after()), info
 

@@ -38,8 +38,14 @@ class RaoBlackwellisedMethod:
     state: ClassVar[type] = RaoBlackwellisedState
 
     def fits(self, model: StateSpaceModel) -> None:
-        """Raise where the model has no such elements."""
+        """Raise where the model has no such elements, or what no Gaussian filter takes as it is."""
         self.method.fits(model)
+        for name in ("process_noise", "observation_noise", "initial"):
+            if getattr(model, name).distribution is not None:
+                raise ValueError(
+                    f"{name} must be a Gaussian for a Rao-Blackwellised filter, whose particles are Gaussian filters, "
+                    "got a distribution: give its covariance, or use sp.bootstrap(particles)"
+                )
         self.places(model)
 
     def random(self, key: Any) -> Array:

@@ -103,8 +103,8 @@ def residual(key: Array, log_weights: Float[Array, " N"]) -> Int[Array, " N"]:
     weights = _weights(log_weights)
     N = weights.shape[0]
     expected = N * (weights / jnp.sum(weights))
-    certain = jnp.floor(expected)
-    rest = expected - certain
+    certain = jnp.floor(expected * (1 + 8 * jnp.finfo(expected.dtype).eps))  # a whole number up to round-off is one
+    rest = jnp.maximum(expected - certain, 0.0)
     left = N - jnp.sum(certain.astype(jnp.int32))
     # Where nothing is left (up to round-off), any draw will do: none is counted.
     share = _cumulative(jnp.where(jnp.sum(rest) > 0, rest, jnp.ones_like(rest)))

@@ -12,6 +12,8 @@ from jaxtyping import Array, Float, Int
 from sigmapoint.particles.weights import Cloud, effective
 from sigmapoint.spaces import Space
 
+RUN = 0x5A3D11
+"""Sets the draws of a filter apart from those of `simulate` with the same key."""
 Own = TypeVar("Own", bound="Sampled")
 
 
@@ -23,9 +25,9 @@ class Draws(NamedTuple):
 
     @classmethod
     def of(cls, key: Array | None) -> "Draws":
-        """Of a run that begins."""
+        """Of a run that begins; others that the same key is given to draw other numbers."""
         assert key is not None
-        return cls(key, jnp.zeros((), int))
+        return cls(jax.random.fold_in(key, RUN), jnp.zeros((), int))
 
     def key_for(self, purpose: int) -> Array:
         """The key of this operation for one purpose."""

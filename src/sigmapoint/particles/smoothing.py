@@ -69,6 +69,8 @@ def backward(
     last, space, dtype = last_row(T, real), run.model.state_space, clouds.log_weights.dtype
 
     def one(log_weights: Array, uniform: Array) -> Array:
+        # (A maximum of minus infinity: round-off has taken the state from all that could have led to it.)
+        log_weights = jnp.where(jnp.max(log_weights) > -jnp.inf, log_weights, 0.0)
         sums = jnp.cumsum(jnp.exp(log_weights - jnp.max(log_weights)))
         return jnp.searchsorted(sums, uniform * sums[-1], side="right")
 

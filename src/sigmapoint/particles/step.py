@@ -86,12 +86,16 @@ class ParticleFilter(NamedTuple):
         chosen = method.selection.before_drawing(method, state.draws.key_for(RESAMPLED), at, state, prospect)
         drawn = method.proposal.draw(at, state.draws.key_for(DRAWN), chosen.state, chosen.prospect)
         log_weights, log_likelihood = weighed(chosen.state.log_weights, drawn.log_ratio + chosen.log_first)
-        ess = jnp.where(log_likelihood > -jnp.inf, effective(log_weights), 0.0)
+        explained = log_likelihood > -jnp.inf
+        ess = jnp.where(explained, effective(log_weights), 0.0)
         info = ParticleInfo(*self._predicted(at, state), log_likelihood, ess)
-        origin = chosen.state.origin._replace(proposal=drawn.memory)
-        after = chosen.state.replace(particles=drawn.particles, log_weights=log_weights, origin=origin)
-        if method.move is not None:
-            after = self._moved(at, after, chosen.prospect, drawn)
+
+        def taken_in() -> ParticleState:
+            origin = chosen.state.origin._replace(proposal=drawn.memory)
+            after = chosen.state.replace(particles=drawn.particles, log_weights=log_weights, origin=origin)
+            return after if method.move is None else self._moved(at, after, chosen.prospect, drawn)
+
+        after = jax.lax.cond(explained, taken_in, lambda: state)
         origin = after.origin._replace(fresh=after.origin.fresh & ~at.active.any())
         return after.replace(origin=origin, draws=state.draws.after()).spread(method.over), info
 

@@ -37,8 +37,9 @@ def weighed(log_weights: Float[Array, " N"], log_ratio: Float[Array, " N"]) -> W
     product = log_weights + log_ratio
     top = jnp.max(product)
     none = top == -jnp.inf
-    log_total = top + jnp.log(jnp.sum(jnp.exp(product - jnp.where(none, 0.0, top))))
-    return Weighed(jnp.where(none, log_weights, product - jnp.where(none, 0.0, log_total)), log_total)
+    below = product - jnp.where(none, 0.0, top)  # apart from the total, in whose digits a difference may be lost
+    log_sum = jnp.log(jnp.sum(jnp.exp(below)))
+    return Weighed(jnp.where(none, log_weights, below - jnp.where(none, 0.0, log_sum)), top + log_sum)
 
 
 def effective(log_weights: Float[Array, " N"]) -> Float[Array, ""]:
