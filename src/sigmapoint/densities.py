@@ -2,7 +2,8 @@
 
 Gaussian filters need the first two moments of a noise only, particle filters and `simulate` all of it. A noise is given
 as these moments, or as a distribution: any object with the interface of numpyro, `sample(key, shape)`, `log_prob`,
-`mean` and `variance`, and, where it has them, `covariance_matrix`, `support`, and the parts of a mixture.
+`mean` and `variance`, and, where it has them, `batch_shape` and `event_shape`, `covariance_matrix`, `support`, and the
+parts of a mixture.
 """
 
 from collections.abc import Callable
@@ -77,12 +78,13 @@ class Given(NamedTuple):
         return jnp.asarray(drawn, self.centre.dtype).reshape(count, -1) - self.centre[None]
 
     def log_density(self, values: Float[Array, "N q"], active: Bool[Array, " q"]) -> Float[Array, " N"]:
-        shape = *self.distribution.batch_shape, *self.distribution.event_shape
+        batch, event = shape_of(self.distribution)
+        shape = *batch, *event
         harmless = _inside(self.distribution, self.centre.dtype)
         known = jnp.where(active[None], values + self.centre[None], harmless[None])
         log_density = _supported(self.distribution, known.reshape(-1, *shape), harmless.reshape(shape))
         log_density = log_density.astype(values.dtype).reshape(values.shape[0], -1)
-        if self.distribution.event_shape:  # elements that depend on each other are known together or not at all
+        if event:  # elements that depend on each other are known together or not at all
             return jnp.where(active.all(), log_density.sum(1), 0.0)
         return jnp.sum(jnp.where(active[None], log_density, 0.0), axis=1)
 
@@ -112,7 +114,7 @@ def _supported(distribution: Any, values: Array, harmless: Array) -> Array:
     if support is None:
         return distribution.log_prob(values)
     inside = support(values)
-    within = inside.reshape(*inside.shape, *(1 for _ in distribution.event_shape))
+    within = inside.reshape(*inside.shape, *(1 for _ in shape_of(distribution).event))
     return jnp.where(inside, distribution.log_prob(jnp.where(within, values, harmless[None])), -jnp.inf)
 
 
@@ -128,7 +130,11 @@ def moments(distribution: Any) -> Moments:
 
     A mixture's covariance is that within its components and between their means: Σ π (C + m mᵀ) − m̄ m̄ᵀ.
     """
-    mean = jnp.asarray(distribution.mean, float).reshape(-1)
+    try:
+        mean = jnp.asarray(distribution.mean, float).reshape(-1)
+    except NotImplementedError:  # as of a transformed one: nothing is known
+        size = size_of(distribution)
+        return Moments(jnp.full(size, jnp.nan), jnp.full((size, size), jnp.nan))
     parts = components(distribution)
     if parts is None:
         return Moments(mean, _covariance(distribution, mean.shape[0]))
@@ -142,7 +148,7 @@ def moments(distribution: Any) -> Moments:
 def components(distribution: Any) -> tuple[Array, list[Moments]] | None:
     """Weights and moments of the parts of a mixture of vectors; nothing where it is no such mixture."""
     mixing = getattr(distribution, "mixing_distribution", None)
-    if mixing is None or distribution.batch_shape:
+    if mixing is None or shape_of(distribution).batch:
         return None
     weights = jnp.asarray(mixing.probs, float)
     parts = getattr(distribution, "component_distributions", None)
@@ -172,9 +178,24 @@ def _covariances(distribution: Any, k: int, q: int) -> Float[Array, "k q q"]:
     return given * ratio[:, :, None] * ratio[:, None, :]
 
 
+class Shape(NamedTuple):
+    """Of independent draws, and of one of them."""
+
+    batch: tuple[int, ...]
+    event: tuple[int, ...]
+
+
+def shape_of(distribution: Any) -> Shape:
+    """As the distribution says, or else that of its mean, of independent elements."""
+    if hasattr(distribution, "batch_shape"):
+        return Shape(tuple(distribution.batch_shape), tuple(distribution.event_shape))
+    return Shape(jnp.shape(distribution.mean), ())
+
+
 def size_of(distribution: Any) -> int:
     """Number of elements."""
-    return int(np.prod(distribution.batch_shape + distribution.event_shape, dtype=int))
+    batch, event = shape_of(distribution)
+    return int(np.prod(batch + event, dtype=int))
 
 
 def finite_part(value: Scalar | Array, otherwise: float) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 from sigmapoint import checks, verdicts
 from sigmapoint.accuracy import Coverage, errors
 from sigmapoint.consistency import Consistency, consistency, normalised
-from sigmapoint.results import Posterior, field, input_columns, measured_rows
+from sigmapoint.results import Posterior, field, host, input_columns, measured_rows
 from sigmapoint.spaces import Euclidean, folded
 from sigmapoint.verdicts import Verdict
 from sigmapoint.whiteness import COLUMNS, Element, examined
@@ -39,6 +39,8 @@ class Diagnosis(NamedTuple):
     """rows that were measured but have no finite innovation"""
     wide: dict[str, float]
     """states whose ±2σ band goes all the way round, as of an angle, and their largest standard deviation"""
+    few: float
+    """share of the rows in which fewer than ten particles count, of a particle filter"""
     verdicts: tuple[Verdict, ...]
 
     def __str__(self) -> str:
@@ -87,8 +89,14 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
     nees, covered = (None, ()) if truth is None else _against(post, truth)
     whole = consistency(nis, normal.degrees)
     wide = _wide(post)
-    said = verdicts.of(whole, elements, nees, covered, lost, wide)
-    return Diagnosis(whole, elements, nees, covered, lost, wide, said)
+    few = _few(post)
+    said = verdicts.of(whole, elements, nees, covered, lost, wide, few)
+    return Diagnosis(whole, elements, nees, covered, lost, wide, few, said)
+
+
+def _few(post: Posterior) -> float:
+    ess = getattr(post, "ess", None)
+    return 0.0 if ess is None else float(np.mean(host(ess) < verdicts.PARTICLES))
 
 
 def _wide(post: Posterior) -> dict[str, float]:

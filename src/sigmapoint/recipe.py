@@ -48,6 +48,8 @@ class Recipe(Protocol):
     """what a run of it gives"""
     state: ClassVar[type]
     """what it knows at one instant"""
+    smoothers: ClassVar[str]
+    """those that look back through it, in words; empty where there are none"""
 
     def fits(self, model: StateSpaceModel, /) -> None:
         """Raise where the model is none for this method."""

@@ -110,6 +110,7 @@ class Method:
 
     posterior: ClassVar[type[Posterior]] = Posterior
     state: ClassVar[type] = FilterState
+    smoothers: ClassVar[str] = "sp.rts(), sp.two_filter(), sp.fixed_lag(lag) or sp.ipls()"
 
     def fits(self, model: StateSpaceModel) -> None:
         """Raise where the model has what no Gaussian stands for, or no room for the points."""

@@ -16,6 +16,8 @@ from sigmapoint.whiteness import Element
 
 Severity = Literal["good", "warning", "bad"]
 
+PARTICLES, SOME = 10, 0.05
+"""Effective sample size below which moments mean little, and the share of rows for which nobody needs to act."""
 FEW = 30
 """Samples below which nothing is said about whiteness and normality."""
 TOLERATED = (0.8, 1.25)
@@ -54,9 +56,10 @@ def of(
     coverage: tuple[Coverage, ...],
     lost: int,
     wide: Mapping[str, float],
+    few: float,
 ) -> tuple[Verdict, ...]:
     """Every verdict of a diagnosis, the question of consistency first."""
-    said = [*_lost(lost), *_wide(wide), *_samples(nis)]
+    said = [*_few(few), *_lost(lost), *_wide(wide), *_samples(nis)]
     if nees is not None and nees.rows:
         said += _contradiction(nis, nees)  # before the two that it reconciles
     if nis.rows:
@@ -65,6 +68,20 @@ def of(
     if nees is not None and nees.rows:
         said += [_consistent(nees, *NEES), *_coverage(coverage)]
     return tuple(said)
+
+
+def _few(few: float) -> list[Verdict]:
+    if few <= SOME:
+        return []
+    return [
+        Verdict(
+            "bad" if few > HALF else "warning",
+            f"In {few:.0%} of the rows the effective sample size (ess) is below {PARTICLES}: so few particles count "
+            "there that the error bars mean little, and what follows is about the filter, not the model. Use a "
+            "proposal that looks at the measurement, sp.proposals.guided(sp.srukf()), also in sp.auxiliary, or more "
+            "particles.",
+        )
+    ]
 
 
 def _lost(lost: int) -> list[Verdict]:

@@ -83,7 +83,7 @@ REFUSED = {
     ),
     "rts of particles": (
         lambda: sp.smooth(MODEL, Y, method=sp.bootstrap(10), key=0),
-        "smoother must be sp.backward_sim",
+        "smoother is missing: sp.rts.*use sp.backward_sim",
     ),
     "backward simulation of a Gaussian": (
         lambda: sp.smooth(MODEL, Y, smoother=sp.backward_simulation()),
@@ -114,7 +114,10 @@ REFUSED = {
         lambda: sp.filter(known(), jnp.ones((2, 1)), method=sp.gmsppf(2, 10), key=0),
         "initial has a singular covariance",
     ),
-    "rts of a Gaussian sum": (lambda: sp.smooth(MODEL, Y, method=sp.gspf(2, 10), key=0), "smoother must be"),
+    "rts of a Gaussian sum": (
+        lambda: sp.smooth(MODEL, Y, method=sp.gspf(2, 10), key=0),
+        "there is no smoother",
+    ),
     "nothing sampled": (lambda: sp.rao_blackwellised(10, ()), "sampled must be places or names"),
     "sampled by particles": (lambda: sp.rao_blackwellised(10, (0,), sp.bootstrap(3)), "method must be a sp.Method"),
     "sampled by another name": (
@@ -128,6 +131,10 @@ REFUSED = {
     "fewer particles than proposals": (
         lambda: sp.filter(tailed(), Y, method=sp.gspf(10, 15), key=0),
         "particles must be at least 20",
+    ),
+    "sampled through the dynamics": (
+        lambda: sp.filter(model(process_noise=INSIDE), Y, method=sp.rao_blackwellised(10, (0,)), key=0),
+        "process_noise must be additive for a Rao-Blackwellised filter",
     ),
     "sampled out of place": (
         lambda: sp.filter(MODEL, Y, method=sp.rao_blackwellised(10, (3,)), key=0),

@@ -132,6 +132,33 @@ def test_no_finite_variance_needs_a_covariance_beside():
         sp.Additive(jnp.eye(2), distribution=3.0)
 
 
+class LogChiSquare:
+    """Only what is asked for: the logarithm of the square of a standard normal number."""
+
+    mean, variance = jnp.full(1, -1.2703628454614782), jnp.full(1, np.pi**2 / 2)
+
+    def sample(self, key, sample_shape=()):
+        return jnp.log(jax.random.normal(key, (*sample_shape, 1)) ** 2)
+
+    def log_prob(self, value):
+        return (value - jnp.exp(value)) / 2 - np.log(2 * np.pi) / 2
+
+
+def test_a_distribution_needs_no_more_than_draws_density_and_moments():
+    model = with_noises(observation_noise=LogChiSquare(), process_noise=0.1 * jnp.eye(1))
+    _, y = sp.simulate(model, 20, key=0)
+    post = sp.filter(model, y, method=sp.bootstrap(2000), key=1)
+    assert float(post.log_likelihood) > float(sp.filter(model, y).log_likelihood)
+
+
+def test_no_moments_at_all_leave_a_particle_filter():
+    logarithm = dist.TransformedDistribution(dist.Gamma(2.0, 1.0), dist.transforms.ExpTransform().inv)
+    model = with_noises(observation_noise=logarithm)
+    assert np.isfinite(sp.filter(model, Y, method=sp.bootstrap(500), key=0).mean).all()
+    with pytest.raises(ValueError, match="observation_noise: this distribution has no finite variance"):
+        sp.filter(model, Y)
+
+
 def test_simulate_draws_from_the_distribution():
     model = sp.StateSpaceModel(
         lambda x, u, w: w,

@@ -211,6 +211,20 @@ def test_particles_in_a_dataset_have_axes_of_their_own():
     assert "ess" not in sp.filter(MODEL, Y).to_xarray()
 
 
+def test_a_diagnosis_says_that_few_particles_count():
+    """A carried covariance far wider than the process noise: what the unscented particle filter is not for."""
+    F = jnp.array([[1.0, 1.0], [0.0, 1.0]])
+    Q = jnp.diag(jnp.array([1e-3, 1e-2]))
+    still = sp.StateSpaceModel(
+        lambda x, u: F @ x, lambda x, u: x[:1], Q, 0.2 * jnp.eye(1), sp.Gaussian(jnp.zeros(2), jnp.eye(2))
+    )
+    y = sp.simulate(still, 40, key=1)[1]
+    said = sp.diagnose(sp.filter(still, y, method=sp.upf(100), key=0))
+    assert "effective sample size" in str(said).splitlines()[0]
+    guided = sp.auxiliary(sp.particle_filter(100, proposal=sp.proposals.guided(sp.ekf())))
+    assert sp.diagnose(sp.filter(still, y, method=guided, key=0)).few == 0
+
+
 def test_noise_inside_the_dynamics_is_drawn():
     walk = sp.StateSpaceModel(
         lambda x, u, w: x * jnp.exp(w),

@@ -37,6 +37,7 @@ class GaussianSumMethod:
 
     posterior: ClassVar[type[Posterior]] = GaussianSumPosterior
     state: ClassVar[type] = GaussianSumState
+    smoothers: ClassVar[str] = ""
 
     def fits(self, model: StateSpaceModel) -> None:
         """Raise where the model has no density that this method needs."""

@@ -47,6 +47,7 @@ class ParticleMethod:
 
     posterior: ClassVar[type[Posterior]] = ParticlePosterior
     state: ClassVar[type] = ParticleState
+    smoothers: ClassVar[str] = "sp.backward_simulation() or sp.fixed_lag(lag)"
 
     def fits(self, model: StateSpaceModel) -> None:
         """Raise where the model has no density that this method needs."""
@@ -161,6 +162,9 @@ def ekpf(particles: int) -> ParticleMethod:
 
 def upf(particles: int) -> ParticleMethod:
     """The unscented particle filter: particles proposed by an unscented Kalman filter each (equations 7.112 to 7.119).
+
+    Each filter's covariance is carried along. Where that is far wider than the process noise, as of a tracker with
+    little noise, nearly all draws are in vain (`ess` near 1): use `particle_filter` with `proposals.guided(srukf())`.
 
     Args:
         particles: how many.

@@ -45,8 +45,9 @@ class ParticlePosterior(Posterior):
             row = f"row {where[-1]}" + (f" of series {where[0]}" if len(where) > 1 else "")
             warnings.warn(
                 f"no particle explains the measurement of {row}: all weights were zero there, so the particles stay "
-                "as predicted, and the log-likelihood is minus infinity. Use more particles, a proposal that looks at "
-                "the measurement (sp.upf), or a noise with heavier tails",
+                "as predicted, and the log-likelihood is minus infinity. Is the model's value there a number? Use more "
+                "particles, a proposal that looks at the measurement (sp.proposals.guided), or a noise with heavier "
+                "tails",
                 stacklevel=3,
             )
         return super().of(model, y, u, kept)

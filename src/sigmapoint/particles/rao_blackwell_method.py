@@ -36,10 +36,13 @@ class RaoBlackwellisedMethod:
 
     posterior: ClassVar[type[Posterior]] = ParticlePosterior
     state: ClassVar[type] = RaoBlackwellisedState
+    smoothers: ClassVar[str] = ""
 
     def fits(self, model: StateSpaceModel) -> None:
         """Raise where the model has no such elements, or what no Gaussian filter takes as it is."""
         self.method.fits(model)
+        by = "a Rao-Blackwellised filter, which draws from Gaussians"
+        model.process_noise.added("process_noise", by, "use sp.bootstrap(particles), which draws through the dynamics")
         for name in ("process_noise", "observation_noise", "initial"):
             if getattr(model, name).distribution is not None:
                 raise ValueError(
@@ -83,7 +86,7 @@ def rao_blackwellised(
     Args:
         particles: how many.
         sampled: elements of the state that are drawn, by place or by name: those that make the model nonlinear, or
-            whose belief is no Gaussian.
+            whose belief is no Gaussian. They move by Gaussian noise: a mode that jumps from 0 to 1 is for `bootstrap`.
         method: the Gaussian filter of the others; `srukf()` where not given. Exact where the model is linear and
             Gaussian in them.
         resampling: as for `particle_filter`.

@@ -103,7 +103,6 @@ class BackwardSimulation(Smoother):
     draws: int
 
     kind: ClassVar[Any] = ParticleMethod
-    instead: ClassVar[str] = "sp.rts(), sp.two_filter(), sp.fixed_lag(lag) or sp.ipls()"
 
     def fits(self, model: StateSpaceModel) -> None:
         _dense(model)

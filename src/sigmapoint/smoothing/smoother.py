@@ -27,8 +27,6 @@ class Smoother(Estimator):
 
     kind: ClassVar[Any] = Method
     """methods that it can look back through"""
-    instead: ClassVar[str] = "sp.backward_simulation() or sp.fixed_lag(lag)"
-    """what to use for the others"""
 
     def fits(self, model: StateSpaceModel) -> None:
         """Raise where the model is none for this smoother."""
@@ -36,10 +34,15 @@ class Smoother(Estimator):
 
 def looking_back(smoother: Any, method: Recipe, model: StateSpaceModel) -> Smoother:
     """The smoother, or its default, checked together with the method and the model."""
+    kind = type(method).__name__
+    if not method.smoothers:
+        raise ValueError(f"there is no smoother for {kind}: use sp.bootstrap(particles) or a Gaussian filter")
+    if smoother is None and not isinstance(method, RTS.kind):
+        raise ValueError(f"smoother is missing: sp.rts(), the default, is not for {kind}; use {method.smoothers}")
     smoother = rts() if smoother is None else smoother
     checks.instance("smoother", smoother, Smoother, MAKERS)
     if not isinstance(method, smoother.kind):
-        raise ValueError(f"smoother must be {smoother.instead} for {method}, got {smoother}")
+        raise ValueError(f"smoother must be {method.smoothers} for {kind}, got {type(smoother).__name__}")
     smoother.fits(model)
     return smoother
 
