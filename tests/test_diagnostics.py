@@ -2,6 +2,7 @@
 
 import dataclasses
 import warnings
+from dataclasses import fields
 
 import jax
 import jax.numpy as jnp
@@ -247,7 +248,7 @@ def test_errors_of_angles_are_taken_the_short_way_round(white):
 
 @pytest.mark.parametrize("name", ["innovation", "innovation_cov", "nis", "mean", "cov", "std"])
 def test_a_field_that_was_not_kept_is_named(white, name):
-    values = {f: getattr(made(white), f) for f in Posterior.__dataclass_fields__} | {name: None}
+    values = {f.name: getattr(made(white), f.name) for f in fields(Posterior)} | {name: None}
     with pytest.raises(ValueError, match=rf"no {name}: call sp.filter with keep=\('{name}'"):
         diagnose(Posterior(**values), truth=np.zeros((T, 2)))
 
@@ -279,7 +280,7 @@ def test_degenerate_series_pass_without_warnings(innovation, cov, words):
 
 def test_a_filter_that_broke_down_is_told_from_missing_measurements(white):
     post = made(white)
-    values = {f: getattr(post, f) for f in Posterior.__dataclass_fields__}
+    values = {f.name: getattr(post, f.name) for f in fields(Posterior)}
     values["innovation"] = post.innovation.at[100:].set(jnp.nan)
     found = diagnose(Posterior(**values))
     assert found.lost == T - 100

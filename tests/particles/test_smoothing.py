@@ -40,7 +40,9 @@ def test_ancestors_of_a_few_instants_are_the_fixed_lag_smoother(method):
 
 def test_no_lag_is_the_filter():
     post = sp.smooth(MODEL, Y, method=sp.bootstrap(100), smoother=sp.fixed_lag(0), key=0)
-    np.testing.assert_allclose(post.mean, sp.filter(MODEL, Y, method=sp.bootstrap(100), key=0).mean, rtol=1e-12)
+    np.testing.assert_allclose(
+        post.mean, sp.filter(MODEL, Y, method=sp.bootstrap(100), key=0).mean, rtol=1e-6
+    )  # draws are of 32 bits
 
 
 def test_many_trajectories_are_weighed_in_parts():
