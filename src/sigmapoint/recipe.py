@@ -1,6 +1,7 @@
 """What a method is to the drivers: something that makes a model ready to be run, and says what comes out.
 
-Gaussian filters (`step`) and particle filters (`particles`) are the two kinds. Drivers ask neither which it is.
+Gaussian filters (`step`) are one kind; particle filters, Gaussian sums and Rao-Blackwellised filters (`particles`) are
+others. What runs over a series does not ask which; what looks back does.
 """
 
 from typing import Any, ClassVar, Protocol, runtime_checkable
@@ -60,5 +61,5 @@ class Recipe(Protocol):
         ...
 
     def ready(self, model: StateSpaceModel, key: Array | None = None, /) -> Run:
-        """The model made ready; `key` is needed by `init` only."""
+        """The model made ready; `key` is needed by `init`, and by what draws trajectories."""
         ...

@@ -1,8 +1,10 @@
 """The density of parameters: sums over series, derivatives, and what happens where there is none."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpyro.distributions as dist
 import pytest
 
 import sigmapoint as sp
@@ -121,3 +123,20 @@ def test_a_profile_ends_where_it_first_falls_by_two():
     low, high = Profile("a", np.arange(7.0), fall, 0.0).interval
     np.testing.assert_allclose([low, high], [3 - 2 / 6**0.5, 3 + 2 / 6**0.5])
     assert np.isnan(Profile("a", np.arange(7.0), fall / 10, 0.0).interval).all()
+
+
+def test_a_distribution_without_a_variance_is_a_model():
+    tailed = dist.StudentT(2.0, jnp.zeros(1), jnp.ones(1))
+    model = sp.StateSpaceModel(
+        lambda x, u: x, lambda x, u: x, jnp.eye(1), tailed, sp.Gaussian(jnp.zeros(1), jnp.eye(1))
+    )
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):  # numpyro counts on them
+        found = sp.smc2(
+            lambda theta: eqx.tree_at(lambda m: m.process_noise, model, sp.Additive(theta * jnp.eye(1))),
+            sp.positive(1.0, 0.5),
+            np.ones((4, 1)),
+            key=0,
+            method=sp.bootstrap(20),
+            particles=8,
+        )
+    assert np.isfinite(found.log_evidence)

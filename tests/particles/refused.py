@@ -118,6 +118,10 @@ REFUSED = {
         lambda: sp.smooth(MODEL, Y, method=sp.gspf(2, 10), key=0),
         "there is no smoother",
     ),
+    "trajectories of a Gaussian sum": (
+        lambda: sp.trajectories(MODEL, Y, method=sp.gspf(2, 10), key=0, draws=3),
+        "there are no trajectories of GaussianSumMethod",
+    ),
     "nothing sampled": (lambda: sp.rao_blackwellised(10, ()), "sampled must be places or names"),
     "sampled by particles": (lambda: sp.rao_blackwellised(10, (0,), sp.bootstrap(3)), "method must be a sp.Method"),
     "sampled by another name": (

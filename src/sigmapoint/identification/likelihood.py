@@ -116,9 +116,10 @@ class LogPosterior(eqx.Module):
 
 
 def _is_model(model: StateSpaceModel) -> Array:
-    """Whether its covariances are: no filter has to notice a negative one."""
-    covs = (model.process_noise.cov, model.observation_noise.cov, model.initial.cov)
-    return jnp.stack([_is_covariance(jax.lax.stop_gradient(cov)) for cov in covs]).all()
+    """Whether its covariances are: no filter has to notice a negative one. (A distribution's may be infinite.)"""
+    beliefs = (model.process_noise, model.observation_noise, model.initial)
+    covs = [belief.cov for belief in beliefs if belief.distribution is None]
+    return jnp.stack([_is_covariance(jax.lax.stop_gradient(cov)) for cov in covs] or [jnp.ones((), bool)]).all()
 
 
 def _is_covariance(cov: Float[Array, "*T n n"]) -> Array:

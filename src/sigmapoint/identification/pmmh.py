@@ -41,6 +41,8 @@ def pmmh(
 ) -> PosteriorSamples:
     """Sample the posterior of a model's parameters with particle filters: exact for any number of particles.
 
+    (Where their likelihood is unbiased: that of `gspf`, of `gmsppf` and of a move that depends on the cloud is nearly.)
+
     No derivatives are needed, so the model may have what a particle filter can: several modes, bounds, any noise, a
     black box. A Gaussian filter as `method` makes it Metropolis–Hastings with the likelihood that this filter sees.
 

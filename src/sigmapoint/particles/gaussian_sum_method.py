@@ -80,7 +80,7 @@ def gspf(components: int, particles: int, *, method: Method | None = None) -> Ga
     Args:
         components: of the mixture that stands for the belief. A process noise that is a mixture itself multiplies them;
             they are merged to as many again (Runnalls 2007).
-        particles: in all, at least as many as `components`.
+        particles: in all, at least as many as `components`, times those of an observation noise that is a mixture.
         method: the Gaussian filter of each component; `srukf()` where not given.
 
     Returns:

@@ -93,7 +93,8 @@ def particle_filter(
             step.
         move: moves copies apart after resampling: `moves.random_walk()`, `moves.independence()` or
             `moves.metropolis(kernel)`.
-        devices: those that particles are spread over, for example `jax.devices()`; the numbers are the same.
+        devices: those that particles are spread over, for example `jax.devices()`; the numbers are the same, up to
+            round-off of draws in 32 bits.
 
     Returns:
         A method for `filter`, `online`, `batch`, `compare`, `smooth` and `trajectories`, which then need a `key`.

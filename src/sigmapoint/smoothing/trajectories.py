@@ -54,6 +54,8 @@ def trajectories(
         ((100, 20, 1), True)
     """
     y, u, method = prepared(model, y, u, method)
+    if not method.smoothers:
+        raise ValueError(f"there are no trajectories of {type(method).__name__}: use sp.bootstrap(particles)")
     return unwrapped(drawn, method, model, y, u, checks.key("key", key), checks.whole("draws", draws, 1))
 
 
