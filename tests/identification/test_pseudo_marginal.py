@@ -61,7 +61,7 @@ def test_every_series_draws_with_a_key_of_its_own_and_may_end_early(posterior):
     keys = jax.random.split(key)
     each = [sp.filter(model, Y[:7], method=sp.bootstrap(20), key=k, keep=()).log_likelihood for k in keys]
     some, ahead = jax.jit(lambda z, key: posterior.filtered(z, key, until))(Z, key)
-    assert some == pytest.approx(float(sum(each)), rel=1e-12)
+    assert some == pytest.approx(float(sum(each)), rel=1e-6)  # draws are of 32 bits
     assert each[0] != each[1]
     assert (ahead.step == 7).all()
 

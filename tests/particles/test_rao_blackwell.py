@@ -36,7 +36,7 @@ def test_correlated_noises_are_told_by_what_was_drawn():
         MODEL.dynamics, lambda x, u: x[1:2], Q, 0.05 * jnp.eye(1), MODEL.initial, state_names=MODEL.state_names
     )
     exact = sp.filter(model, Y[:, :1], method=sp.bootstrap(200_000), key=1)
-    post = sp.filter(model, Y[:, :1], method=METHOD, key=0)
+    post = sp.filter(model, Y[:, :1], method=sp.rao_blackwellised(20_000, ("phase",)), key=0)
     assert (np.abs(np.asarray(post.mean - exact.mean)) < 0.06 * np.asarray(exact.std)).all()
     np.testing.assert_allclose(post.std, exact.std, rtol=0.06)
 
