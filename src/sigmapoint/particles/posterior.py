@@ -18,7 +18,8 @@ class ParticlePosterior(Posterior):
             were zero and stay as predicted, and `log_likelihood` is minus infinity.
         particles: (T, N, n), if kept.
         log_weights: (T, N), if kept; those of an instant sum to one.
-        ancestors: for each particle, its place among those of the row before (T, N), if kept.
+        ancestors: for each particle, its place among those of the row before (T, N), if kept; after `fixed_lag`, the
+            place in its own row of what became of it.
         log_likelihood: natural logarithm of an unbiased estimate of the density of all measurements ().
     """
 
@@ -54,7 +55,9 @@ class ParticlePosterior(Posterior):
 
 
 class GaussianSumPosterior(ParticlePosterior):
-    """Beliefs over a series as mixtures of Gaussians, and the weighted particles that these were found in.
+    """Moments of mixtures of Gaussians over a series, and the weighted particles that these were found in.
+
+    The mixtures themselves are in the states of a live filter, `state.mixture`.
 
     Attributes:
         mean, cov, std: of the mixtures.
