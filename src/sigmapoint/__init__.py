@@ -59,6 +59,7 @@ from sigmapoint.particles.rao_blackwell import RaoBlackwellisedState
 from sigmapoint.particles.rao_blackwell_method import RaoBlackwellisedMethod, rao_blackwellised
 from sigmapoint.particles.smoothing import backward_simulation
 from sigmapoint.particles.state import ParticleInfo, ParticleState
+from sigmapoint.recipe import Recipe
 from sigmapoint.results import Posterior
 from sigmapoint.simulation import simulate
 from sigmapoint.smoothing.fixed_lag import fixed_lag
@@ -125,6 +126,7 @@ __all__ = [
     "Progress",
     "RaoBlackwellisedMethod",
     "RaoBlackwellisedState",
+    "Recipe",
     "StateSpaceModel",
     "Trained",
     "Unknown",

@@ -142,9 +142,14 @@ class Filter(NamedTuple):
         _, process, observation = System.of(model)
         return cls(model, method, process, observation)
 
+    @property
+    def system(self) -> System:
+        """The model and its noises."""
+        return System(self.model, self.process, self.observation)
+
     def functions(self, k: Array, observed: tuple[int, ...] | None = None) -> Functions:
         """The model at instant `k`; `observed` is the shape that h has to return."""
-        return System(self.model, self.process, self.observation).functions(k, observed)
+        return self.system.functions(k, observed)
 
     def init(self) -> FilterState:
         """The initial belief, at instant 0."""

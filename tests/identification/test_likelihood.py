@@ -137,6 +137,6 @@ def test_a_distribution_without_a_variance_is_a_model():
             np.ones((4, 1)),
             key=0,
             method=sp.bootstrap(20),
-            particles=8,
+            samples=8,
         )
     assert np.isfinite(found.log_evidence)

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from level import THETA, Y, build, exact
+from identification.level import THETA, Y, build, exact
 
 import sigmapoint as sp
 from sigmapoint.identification import chains

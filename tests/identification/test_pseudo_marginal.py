@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from level import THETA, Y, build
+from identification.level import THETA, Y, build
 
 import sigmapoint as sp
 from sigmapoint.filtering import fitting
@@ -64,6 +64,12 @@ def test_every_series_draws_with_a_key_of_its_own_and_may_end_early(posterior):
     assert some == pytest.approx(float(sum(each)), rel=1e-6)  # draws are of 32 bits
     assert each[0] != each[1]
     assert (ahead.step == 7).all()
+
+
+def test_an_estimate_needs_a_key(posterior):
+    for call in (posterior, posterior.log_likelihood):
+        with pytest.raises(ValueError, match="key is missing: a particle filter draws"):
+            call(Z)
 
 
 def test_steps_learn_along_the_direction_they_took():

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from level import THETA, Y, build, exact
+from identification.level import THETA, Y, build, exact
 
 import sigmapoint as sp
 from sigmapoint.filtering import fitting
@@ -12,30 +12,28 @@ from sigmapoint.identification import population
 from sigmapoint.identification.likelihood import posterior_of
 from sigmapoint.identification.population import advanced, drawn
 
-RUNS, PARTICLES = 5, 150
+RUNS, SAMPLES = 5, 150
 STATES, GAUSSIAN = sp.bootstrap(50), sp.srekf()
 
 
 @pytest.mark.parametrize("method", [STATES, GAUSSIAN], ids=["particles", "gaussian"])
 def test_posterior_and_evidence_are_those_of_the_grid(method):
-    runs = [sp.smc2(build, THETA, Y, key=seed, method=method, particles=PARTICLES) for seed in range(RUNS)]
+    runs = [sp.smc2(build, THETA, Y, key=seed, method=method, samples=SAMPLES) for seed in range(RUNS)]
     truth, z = exact(Y), np.concatenate([run.z.ravel() for run in runs])
-    independent = RUNS * PARTICLES / 4  # copies, and moves of which a third is accepted
+    independent = RUNS * SAMPLES / 4  # copies, and moves of which a third is accepted
     assert abs(z.mean() - truth.mean) < 4 * truth.std / np.sqrt(independent)
     assert abs(z.std() / truth.std - 1) < 4 / np.sqrt(2 * independent)
     # Unbiased for the evidence itself; its logarithm has a deviation of 0.2 at most in these runs.
     evidence = np.exp([run.log_evidence - truth.log_evidence for run in runs])
     assert abs(evidence.mean() - 1) < 4 * 0.2 / np.sqrt(RUNS)
     assert evidence.std() < 0.4
-    assert runs[0].samples["a"].shape == (1, PARTICLES)
+    assert runs[0].samples["a"].shape == (1, SAMPLES)
     assert np.isnan(runs[0].r_hat).all()
 
 
 def test_the_better_of_two_models_has_the_higher_evidence_by_what_the_grid_says():
     alternating = {"a": sp.bounded(-0.5, 0.3, low=-1.0, high=1.0)}
-    right, wrong = (
-        sp.smc2(build, theta, Y, key=1, method=GAUSSIAN, particles=PARTICLES) for theta in (THETA, alternating)
-    )
+    right, wrong = (sp.smc2(build, theta, Y, key=1, method=GAUSSIAN, samples=SAMPLES) for theta in (THETA, alternating))
     expected = exact(Y).log_evidence - exact(Y, alternating).log_evidence
     assert expected > 1
     # Four deviations of a difference of two.
@@ -55,12 +53,12 @@ def test_rows_taken_in_one_by_one_are_the_same_run(monkeypatch):
 
 def test_a_row_that_nothing_explains_is_named():
     with pytest.raises(ValueError, match="smc2: none of 150 draws of theta explains row 7 of y"):
-        sp.smc2(build, THETA, Y.at[7].set(1e200), key=0, method=STATES, particles=PARTICLES)
+        sp.smc2(build, THETA, Y.at[7].set(1e200), key=0, method=STATES, samples=SAMPLES)
 
 
 def test_too_few_particles_of_the_state_are_warned_of():
     with pytest.warns(UserWarning, match="of the last moves were accepted, so that few of the samples differ"):
-        sp.smc2(build, THETA, 20 * Y, key=0, method=STATES, particles=PARTICLES)
+        sp.smc2(build, THETA, 20 * Y, key=0, method=STATES, samples=SAMPLES)
 
 
 @pytest.mark.slow
@@ -71,7 +69,7 @@ def test_a_prior_without_a_model_is_named():
         return sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, jnp.eye(1), R, start)
 
     with pytest.raises(ValueError, match="none of 20 draws of theta makes a model"):
-        sp.smc2(elsewhere, sp.real(1.0, 0.1), Y, key=0, method=GAUSSIAN, particles=20)
+        sp.smc2(elsewhere, sp.real(1.0, 0.1), Y, key=0, method=GAUSSIAN, samples=20)
 
 
 @pytest.mark.parametrize(
@@ -79,8 +77,8 @@ def test_a_prior_without_a_model_is_named():
     [
         ({"y": Y + np.nan}, "y has no measurements"),
         ({"key": jnp.zeros(2)}, "key must be jax.random.key"),
-        ({"particles": 1}, "particles must be a whole number of at least 2"),
-        ({"moves": 0}, "moves must be a whole number of at least 1"),
+        ({"samples": 1}, "samples must be a whole number of at least 2"),
+        ({"steps": 0}, "steps must be a whole number of at least 1"),
     ],
 )
 def test_wrong_input_is_named(more, said):

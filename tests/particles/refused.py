@@ -98,32 +98,35 @@ REFUSED = {
         lambda: sp.online(MODEL).update(sp.online(MODEL, sp.bootstrap(10)).init(key=0), [1.0]),
         "state must come from",
     ),
-    "no components": (lambda: sp.gspf(0, 10), "components must be a whole number of at least 1"),
-    "more components than particles": (lambda: sp.gmsppf(20, 10), "particles must be a whole number of at least 20"),
-    "no iterations": (lambda: sp.gmsppf(2, 10, iterations=0), "iterations must be"),
-    "a Gaussian sum of particles": (lambda: sp.gspf(2, 10, method=sp.bootstrap(3)), "method must be a sp.Method"),
+    "no components": (lambda: sp.gspf(10, 0), "components must be a whole number of at least 1"),
+    "more components than particles": (lambda: sp.gmsppf(10, 20), "particles must be a whole number of at least 20"),
+    "no iterations": (lambda: sp.gmsppf(10, 2, iterations=0), "iterations must be"),
+    "a Gaussian sum of particles": (lambda: sp.gspf(10, 2, method=sp.bootstrap(3)), "method must be a sp.Method"),
     "no key, Gaussian sum": (
-        lambda: sp.filter(MODEL, Y, method=sp.gspf(2, 10)),
+        lambda: sp.filter(MODEL, Y, method=sp.gspf(10, 2)),
         "key is missing: a Gaussian-sum filter draws",
     ),
     "ancestors of a Gaussian sum": (
-        lambda: sp.filter(MODEL, Y, method=sp.gspf(2, 10), key=0, keep=("ancestors",)),
+        lambda: sp.filter(MODEL, Y, method=sp.gspf(10, 2), key=0, keep=("ancestors",)),
         "keep has unknown name",
     ),
     "a Gaussian sum known exactly": (
-        lambda: sp.filter(known(), jnp.ones((2, 1)), method=sp.gmsppf(2, 10), key=0),
+        lambda: sp.filter(known(), jnp.ones((2, 1)), method=sp.gmsppf(10, 2), key=0),
         "initial has a singular covariance",
     ),
     "rts of a Gaussian sum": (
-        lambda: sp.smooth(MODEL, Y, method=sp.gspf(2, 10), key=0),
+        lambda: sp.smooth(MODEL, Y, method=sp.gspf(10, 2), key=0),
         "there is no smoother",
     ),
     "trajectories of a Gaussian sum": (
-        lambda: sp.trajectories(MODEL, Y, method=sp.gspf(2, 10), key=0, draws=3),
+        lambda: sp.trajectories(MODEL, Y, method=sp.gspf(10, 2), key=0, draws=3),
         "there are no trajectories of GaussianSumMethod",
     ),
     "nothing sampled": (lambda: sp.rao_blackwellised(10, ()), "sampled must be places or names"),
-    "sampled by particles": (lambda: sp.rao_blackwellised(10, (0,), sp.bootstrap(3)), "method must be a sp.Method"),
+    "sampled by particles": (
+        lambda: sp.rao_blackwellised(10, (0,), method=sp.bootstrap(3)),
+        "method must be a sp.Method",
+    ),
     "sampled by another name": (
         lambda: sp.filter(MODEL, Y, method=sp.rao_blackwellised(10, ("tone",)), key=0),
         "sampled must be .* got 'tone'",
@@ -133,7 +136,7 @@ REFUSED = {
         "observation_noise must be a Gaussian for a Rao-Blackwellised filter",
     ),
     "fewer particles than proposals": (
-        lambda: sp.filter(tailed(), Y, method=sp.gspf(10, 15), key=0),
+        lambda: sp.filter(tailed(), Y, method=sp.gspf(15, 10), key=0),
         "particles must be at least 20",
     ),
     "sampled through the dynamics": (

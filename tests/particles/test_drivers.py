@@ -112,7 +112,7 @@ def test_simulate_with_the_same_key_draws_other_numbers():
             lambda x, u: x, lambda x, u: x, jnp.eye(1), jnp.eye(1), dist.Normal(jnp.zeros(1), 10)
         )
         x, _ = sp.simulate(model, 2, key=0)
-        for method in (sp.bootstrap(50), sp.gspf(5, 50)):
+        for method in (sp.bootstrap(50), sp.gspf(50, 5)):
             assert np.abs(np.asarray(sp.online(model, method).init(key=0).particles - x[0])).min() > 1e-9
 
 

@@ -9,7 +9,7 @@ from particles.scalar_case import EXACT, MODEL, Y, some
 
 import sigmapoint as sp
 
-MAKES = {"gspf": lambda N: sp.gspf(4, N), "gmsppf": lambda N: sp.gmsppf(3, N)}
+MAKES = {"gspf": lambda N: sp.gspf(N, 4), "gmsppf": lambda N: sp.gmsppf(N, 3)}
 SIZES = {64: 200, 1024: 50}
 
 
@@ -80,7 +80,7 @@ def test_a_mixture_as_noise_is_taken_component_by_component(name, part):
     with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
         model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, initial=MODEL.initial, **noises)
         exact = sp.filter(model, Y, method=sp.bootstrap(100_000), key=1)
-        method = sp.gspf(8, 8000) if name == "gspf" else sp.gmsppf(8, 8000)
+        method = sp.gspf(8000, 8) if name == "gspf" else sp.gmsppf(8000, 8)
         post = sp.filter(model, Y, method=method, key=0)
     assert (np.abs(np.asarray(post.mean - exact.mean)) < 0.1 * np.asarray(exact.std)).all()
     np.testing.assert_allclose(post.std, exact.std, rtol=0.1)
@@ -88,7 +88,7 @@ def test_a_mixture_as_noise_is_taken_component_by_component(name, part):
 
 
 def test_saved_and_loaded_goes_on_as_before(tmp_path):
-    live = sp.online(MODEL, sp.gmsppf(2, 50))
+    live = sp.online(MODEL, sp.gmsppf(50, 2))
     state = live.predict(live.update(live.init(key=1), [1.0])[0])
     sp.save(tmp_path / "state.npz", state)
     resumed = sp.load(tmp_path / "state.npz", like=live.init(key=2))

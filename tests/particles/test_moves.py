@@ -47,3 +47,4 @@ def test_a_move_leaves_the_posterior_as_it_is_and_parts_copies(name, proposal):
     copied = sp.online(MODEL, still)
     state = copied.update(copied.predict(copied.update(copied.init(key=0), y[0])[0]), y[1])[0]
     assert len(np.unique(copied.predict(state).origin.centre)) < 0.95 * N
+    assert len(np.unique(post.particles[0, 1])) > len(np.unique(copied.predict(state).origin.centre))

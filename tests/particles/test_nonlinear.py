@@ -15,8 +15,8 @@ METHODS = {
     "guided": sp.particle_filter(FEWER, proposal=sp.proposals.guided(sp.srcdkf())),
     "auxiliary": sp.auxiliary(sp.bootstrap(N)),
     "Rao-Blackwellised": sp.rao_blackwellised(FEWER, (0,)),
-    "gspf": sp.gspf(20, FEWER),
-    "gmsppf": sp.gmsppf(10, FEWER, iterations=20),
+    "gspf": sp.gspf(FEWER, 20),
+    "gmsppf": sp.gmsppf(FEWER, 10, iterations=20),
 }
 
 

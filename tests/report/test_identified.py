@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import matplotlib as mpl
 import numpy as np
 import pytest
-from test_page import graphs, own, values
+from report.test_page import graphs, own, values
 
 import sigmapoint as sp
 from sigmapoint.identification.profile import Profile

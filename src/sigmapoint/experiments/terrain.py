@@ -42,8 +42,8 @@ DRAWN: dict[str, tuple[Recipe, str]] = {
     "guided": (GUIDED, "by an EKF for each particle"),
     "UPF": (sp.upf(PARTICLES), "by an SR-UKF carried along with each particle"),
     "Rao-Blackwellised": (sp.rao_blackwellised(PARTICLES, ("position",)), "position drawn, speed Gaussian"),
-    **{f"GSPF({G})": (sp.gspf(G, PARTICLES), f"{G} components") for G in (5, 10, 20)},
-    **{f"GMSPPF({G})": (sp.gmsppf(G, PARTICLES), f"{G} components") for G in (5, 10)},
+    **{f"GSPF({G})": (sp.gspf(PARTICLES, G), f"{G} components") for G in (5, 10, 20)},
+    **{f"GMSPPF({G})": (sp.gmsppf(PARTICLES, G), f"{G} components") for G in (5, 10)},
     "guided, from 1 s on": (GUIDED, "the first height left out"),
     "UPF, from 1 s on": (sp.upf(PARTICLES), "the first height left out"),
 }

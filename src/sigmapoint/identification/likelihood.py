@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sigmapoint import checks
+from sigmapoint.densities import LOG_2PI
 from sigmapoint.filtering import gaussian, scan
 from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.methods import Method
@@ -25,7 +26,6 @@ from sigmapoint.model import StateSpaceModel
 from sigmapoint.ragged import stacked
 from sigmapoint.recipe import Recipe
 from sigmapoint.series import of_each
-from sigmapoint.step import LOG_2PI
 
 ROUND_OFF = 1e-6
 """Negative variance that a matrix of correlations may have."""
@@ -67,6 +67,7 @@ class LogPosterior(eqx.Module):
         """The log-likelihood of the rows before `until` (of all), and what the filter of every series then knows."""
         model = self.build(self.theta(z))
         S, T = self.y.shape[:2]
+        key = self.method.random(key)
         keys = None if key is None else jax.random.split(key, S)
 
         def one(y: Array, u: Any, end: Array | None, key: Array | None) -> tuple[Array, Any]:

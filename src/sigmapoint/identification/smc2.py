@@ -34,8 +34,8 @@ def smc2(
     *,
     key: Array | int,
     method: Recipe | None = None,
-    particles: int = 200,
-    moves: int = 3,
+    samples: int = 200,
+    steps: int = 3,
 ) -> PosteriorSamples:
     """Sample the posterior of a model's parameters, and compute the evidence of the model, by particles of particles.
 
@@ -51,12 +51,12 @@ def smc2(
         key: `jax.random.key(seed)`, or the seed.
         method: as for `filter`; `sp.bootstrap(500)` where not given. A Gaussian filter makes it sequential Monte Carlo
             over parameters with the likelihood that this filter sees (IBIS, Chopin 2002).
-        particles: parameters in the population.
-        moves: steps of Metropolis–Hastings for each, whenever half of the population's effective size is lost, and at
+        samples: parameters in the population.
+        steps: of Metropolis–Hastings for each, whenever half of the population's effective size is lost, and at
             the end. Each takes a run of the filter over all measurements so far.
 
     Returns:
-        `PosteriorSamples` with one chain of `particles` samples, and `log_evidence`.
+        `PosteriorSamples` with one chain of `samples`, and `log_evidence`.
 
     Raises:
         ValueError: as `log_posterior`; nothing measured; a row of `y` that no parameter explains; under `jax.jit`.
@@ -73,19 +73,19 @@ def smc2(
         ...                               0.5 * jnp.eye(1), sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
         >>> _, y = sp.simulate(build({"a": 0.8}), 30, key=1)
         >>> theta = {"a": sp.bounded(0.5, 0.3, -1.0, 1.0)}
-        >>> found = sp.smc2(build, theta, y, key=1, method=sp.bootstrap(50), particles=100)
+        >>> found = sp.smc2(build, theta, y, key=1, method=sp.bootstrap(50), samples=100)
         >>> found.samples["a"].shape, bool(found.estimates.low["a"] < 0.8 < found.estimates.high["a"])
         ((1, 100), True)
     """
     checks.extra("blackjax", "smc2", "mcmc")
     checks.untransformed("smc2", "sp.log_posterior", theta, y, u)
-    key, particles = checks.key("key", key), checks.whole("particles", particles, 2)
-    moves = checks.whole("moves", moves, 1)
+    key, samples = checks.key("key", key), checks.whole("samples", samples, 2)
+    steps = checks.whole("steps", steps, 1)
     recipe: Any = bootstrap(500) if method is None else method
     posterior = posterior_of(build, theta, y, u, recipe, fitting)
     if not posterior.measured:
         raise ValueError("y has no measurements: every element is NaN")
-    found = _followed(posterior, key, particles, moves)
+    found = _followed(posterior, key, samples, steps)
     if found.acceptance_rate < STUCK:
         warnings.warn(
             f"smc2: {found.acceptance_rate:.0%} of the last moves were accepted, so that few of the samples differ: "
@@ -95,19 +95,19 @@ def smc2(
     return found
 
 
-def _followed(posterior: LogPosterior, key: Array, particles: int, moves: int) -> PosteriorSamples:
+def _followed(posterior: LogPosterior, key: Array, samples: int, steps: int) -> PosteriorSamples:
     """The population after all measurements."""
     from sigmapoint.identification.population import advanced, drawn, rejuvenated
 
     start, run, move = jax.random.split(key, 3)
-    population = drawn(posterior, posterior.prior_draws(start, particles), jax.random.split(run, particles))
+    population = drawn(posterior, posterior.prior_draws(start, samples), jax.random.split(run, samples))
     while True:
         population = unwrapped(advanced, posterior, population)
         if not np.isfinite(float(population.log_evidence)):
-            raise ValueError(_unexplained(int(population.row), particles))
+            raise ValueError(_unexplained(int(population.row), samples))
         ess, row = float(population.ess), int(population.row)
         random = jax.random.fold_in(move, row)
-        population, accepted = unwrapped(rejuvenated, posterior, population, random, jnp.asarray(moves))
+        population, accepted = unwrapped(rejuvenated, posterior, population, random, jnp.asarray(steps))
         if row == posterior.y.shape[1]:
             break
     size, points = posterior.unknowns.size, population.points
@@ -122,13 +122,13 @@ def _followed(posterior: LogPosterior, key: Array, particles: int, moves: int) -
     )
 
 
-def _unexplained(row: int, particles: int) -> str:
+def _unexplained(row: int, samples: int) -> str:
     if not row:
         return (
-            f"smc2: none of {particles} draws of theta makes a model: is build(theta) one there, with noises that are "
+            f"smc2: none of {samples} draws of theta makes a model: is build(theta) one there, with noises that are "
             "covariances?"
         )
     return (
-        f"smc2: none of {particles} draws of theta explains row {row - 1} of y, whose likelihood is zero or not finite "
-        "for all: give theta closer to what is possible, more particles, or the model more noise"
+        f"smc2: none of {samples} draws of theta explains row {row - 1} of y, whose likelihood is zero or not finite "
+        "for all: give theta closer to what is possible, more samples, or the model more noise"
     )

@@ -14,19 +14,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sigmapoint.densities import components
-from sigmapoint.entering import NoiseSeries
 from sigmapoint.linalg import cholesky, solve_lower
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.particles.expectation_maximization import about, fitted
-from sigmapoint.particles.instant import Instant, Surprise
+from sigmapoint.particles.instant import Instant
 from sigmapoint.particles.mixture import Mixture, together
 from sigmapoint.particles.normals import normals
 from sigmapoint.particles.sampled import Draws, Sampled
-from sigmapoint.particles.state import ParticleInfo
-from sigmapoint.particles.weights import Cloud, effective, even, weighed
+from sigmapoint.particles.state import ParticleInfo, Surprise
+from sigmapoint.particles.weights import Cloud, even, weighed
 from sigmapoint.series import of_each
 from sigmapoint.step import Filter
-from sigmapoint.system import System, initial
+from sigmapoint.system import initial
 
 DRAWN = 0
 """What random numbers are for."""
@@ -48,7 +47,7 @@ class GaussianSumState(Sampled):
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x[:1], jnp.eye(2), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(2), jnp.eye(2)))
-        >>> state = sp.online(model, sp.gmsppf(3, 300)).init(key=0)
+        >>> state = sp.online(model, sp.gmsppf(300, 3)).init(key=0)
         >>> state.mixture.mean.shape, state.particles.shape, state.cov.shape
         ((3, 2), (300, 2), (2, 2))
     """
@@ -72,10 +71,7 @@ class Part(NamedTuple):
 class GaussianSumFilter(NamedTuple):
     """A model made ready for a Gaussian-sum method."""
 
-    model: StateSpaceModel
     method: Any
-    process: NoiseSeries
-    observation: NoiseSeries
     whole: Filter
     """by the moments of the noises"""
     ahead: tuple[Part, ...]
@@ -86,9 +82,13 @@ class GaussianSumFilter(NamedTuple):
 
     @classmethod
     def of(cls, model: StateSpaceModel, method: Any, key: Array | None) -> "GaussianSumFilter":
-        _, process, observation = System.of(model)
         ahead, given = (_parts(model, method.method, name) for name in ("process_noise", "observation_noise"))
-        return cls(model, method, process, observation, Filter.of(model, method.method), ahead, given, key)
+        return cls(method, Filter.of(model, method.method), ahead, given, key)
+
+    @property
+    def model(self) -> StateSpaceModel:
+        """What is run."""
+        return self.whole.model
 
     def init(self) -> GaussianSumState:
         """A mixture for the initial belief, at instant 0: found in draws that have just its moments."""
@@ -137,7 +137,7 @@ class GaussianSumFilter(NamedTuple):
 
     def update(self, state: GaussianSumState, y: Float[Array, " e"], u: Any) -> tuple[GaussianSumState, ParticleInfo]:
         """The mixture after a measurement; elements that are NaN were not measured."""
-        at = Instant.of(System(self.model, self.process, self.observation), state.step, y, u)
+        at = Instant.of(self.whole.system, state.step, y, u)
         method, space = self.method, state.space
 
         def updated(part: Part) -> Mixture:
@@ -152,17 +152,16 @@ class GaussianSumFilter(NamedTuple):
         sample = method.recovery.sample(state.draws.key_for(DRAWN), state.mixture, proposal, method.particles, space)
         log_joint = sample.log_ratio + at.log_likelihood(sample.particles)
         log_weights, log_likelihood = weighed(jnp.zeros_like(log_joint), log_joint)
-        explained = log_likelihood > -jnp.inf
+        active = at.active.any()
 
         def recovered() -> tuple[Mixture, Array, Array]:
             mixture = method.recovery.mixture(sample, log_weights, method.components, space)
             return mixture, sample.particles, log_weights
 
         mixture, particles, kept = jax.lax.cond(
-            explained & at.active.any(), recovered, lambda: (state.mixture, state.particles, state.log_weights)
+            active & (log_likelihood > -jnp.inf), recovered, lambda: (state.mixture, state.particles, state.log_weights)
         )
-        ess = jnp.where(explained, effective(kept), 0.0)
-        info = ParticleInfo(*self._predicted(at, state), jnp.where(at.active.any(), log_likelihood, 0.0), ess)
+        info = ParticleInfo.of(self._predicted(at, state), jnp.where(active, log_likelihood, 0.0), kept)
         after = {"mixture": mixture, "particles": particles, "log_weights": kept, "draws": state.draws.after()}
         return state.replace(**after), info
 

@@ -11,9 +11,9 @@ from sigmapoint.methods import srukf
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive
 from sigmapoint.particles.gaussian_sum import GaussianSumFilter, GaussianSumState
-from sigmapoint.particles.method import drawing
 from sigmapoint.particles.posterior import GaussianSumPosterior
 from sigmapoint.particles.recovery import ByComponent, ByExpectationMaximization, Recovery
+from sigmapoint.particles.sampled import key_of_run
 from sigmapoint.results import Posterior
 from sigmapoint.spaces import same_elements
 from sigmapoint.step import Method
@@ -58,7 +58,7 @@ class GaussianSumMethod:
 
     def random(self, key: Any) -> Array:
         """The key of a run."""
-        return drawing("a Gaussian-sum filter", key)
+        return key_of_run("a Gaussian-sum filter", key)
 
     def ready(self, model: StateSpaceModel, key: Array | None = None) -> GaussianSumFilter:
         """The model made ready."""
@@ -71,16 +71,16 @@ def components_of(noise: Any) -> int:
     return 1 if found is None else len(found[1])
 
 
-def gspf(components: int, particles: int, *, method: Method | None = None) -> GaussianSumMethod:
+def gspf(particles: int, components: int, *, method: Method | None = None) -> GaussianSumMethod:
     """The Gaussian-sum particle filter, with sigma-point proposals (Kotecha & Djurić 2003).
 
     Every component is a Gaussian of its own: its particles are drawn from its sigma-point filter's posterior, weighed
     by densities, and summed up by their mean and covariance.
 
     Args:
+        particles: in all, at least as many as `components`, times those of an observation noise that is a mixture.
         components: of the mixture that stands for the belief. A process noise that is a mixture itself multiplies them;
             they are merged to as many again (Runnalls 2007).
-        particles: in all, at least as many as `components`, times those of an observation noise that is a mixture.
         method: the Gaussian filter of each component; `srukf()` where not given.
 
     Returns:
@@ -93,7 +93,7 @@ def gspf(components: int, particles: int, *, method: Method | None = None) -> Ga
         >>> import jax.numpy as jnp, sigmapoint as sp
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x**2, jnp.eye(1), 0.1 * jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
-        >>> post = sp.filter(model, jnp.full((1, 1), 4.0), method=sp.gspf(4, 2000), key=0)
+        >>> post = sp.filter(model, jnp.full((1, 1), 4.0), method=sp.gspf(2000, 4), key=0)
         >>> bool(abs(post.mean[0, 0]) < 0.5), bool(post.std[0, 0] > 1.5)  # at −2 or at 2
         (True, True)
     """
@@ -102,15 +102,15 @@ def gspf(components: int, particles: int, *, method: Method | None = None) -> Ga
     return GaussianSumMethod(components, particles, _gaussian(method), ByComponent())
 
 
-def gmsppf(components: int, particles: int, *, method: Method | None = None, iterations: int = 10) -> GaussianSumMethod:
+def gmsppf(particles: int, components: int, *, method: Method | None = None, iterations: int = 10) -> GaussianSumMethod:
     """The Gaussian-mixture sigma-point particle filter (van der Merwe & Wan 2003).
 
     Particles are drawn from the mixture of all sigma-point filters' posteriors, weighed by densities, and a mixture is
     found in them by expectation-maximisation.
 
     Args:
-        components: as for `gspf`.
         particles: as for `gspf`.
+        components: as for `gspf`.
         method: as for `gspf`.
         iterations: of expectation-maximisation, from the sigma-point filters' posteriors.
 
@@ -125,7 +125,7 @@ def gmsppf(components: int, particles: int, *, method: Method | None = None, ite
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
         >>> y = jnp.array([[1.0], [jnp.nan], [0.5]])
-        >>> exact, post = sp.filter(model, y), sp.filter(model, y, method=sp.gmsppf(2, 2000), key=0)
+        >>> exact, post = sp.filter(model, y), sp.filter(model, y, method=sp.gmsppf(2000, 2), key=0)
         >>> bool(jnp.abs(post.mean - exact.mean).max() < 0.1)
         True
     """

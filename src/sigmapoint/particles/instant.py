@@ -9,16 +9,8 @@ from jaxtyping import Array, Bool, Float, Int
 from sigmapoint.carry import Functions
 from sigmapoint.linalg import cholesky, solve_lower
 from sigmapoint.particles.normals import normals
-from sigmapoint.particles.state import ParticleState
+from sigmapoint.particles.state import ParticleState, Surprise
 from sigmapoint.system import System, initial, measured
-
-
-class Surprise(NamedTuple):
-    """Innovation (NaN where nothing was measured), its covariance and NIS."""
-
-    innovation: Float[Array, " m"]
-    innovation_cov: Float[Array, "m m"]
-    nis: Float[Array, ""]
 
 
 class Instant(NamedTuple):
@@ -41,7 +33,7 @@ class Instant(NamedTuple):
         """What would be measured at each point, but for the noise."""
         return jax.vmap(lambda x: self.functions.h(x, self.u))(points)
 
-    def surprise(self, mean: Float[Array, " e"], S: Float[Array, "m m"]) -> "Surprise":
+    def surprise(self, mean: Float[Array, " e"], S: Float[Array, "m m"]) -> Surprise:
         """The measurement beside its prediction, the noise included."""
         innovation = self.functions.innovation(self.y, mean, self.active)
         # What has no finite variance surprises nobody.

@@ -16,7 +16,8 @@ from sigmapoint.particles.moves import Move
 from sigmapoint.particles.posterior import ParticlePosterior
 from sigmapoint.particles.prior import Prior
 from sigmapoint.particles.proposal import Proposal
-from sigmapoint.particles.resampling import Resampling, systematic
+from sigmapoint.particles.resampling import Resampler, Resampling, systematic
+from sigmapoint.particles.sampled import key_of_run
 from sigmapoint.particles.selection import Afterwards, Ahead, Selection
 from sigmapoint.particles.state import AXIS, ParticleState
 from sigmapoint.particles.step import ParticleFilter
@@ -30,8 +31,7 @@ class ParticleMethod:
     Args:
         particles: how many.
         proposal: what they are drawn from.
-        resampling: `(key, log_weights)` to ancestors.
-        threshold: share of `particles` below which the effective sample size leads to resampling.
+        resampler: how they are resampled, and when.
         move: what moves copies apart, or nothing.
         selection: when particles are chosen.
         over: devices that they are spread over, or nothing.
@@ -39,8 +39,7 @@ class ParticleMethod:
 
     particles: int
     proposal: Proposal
-    resampling: Resampling
-    threshold: float
+    resampler: Resampler
     move: Move | None
     selection: Selection
     over: Mesh | None = None
@@ -58,18 +57,11 @@ class ParticleMethod:
 
     def random(self, key: Any) -> Array:
         """The key of a run."""
-        return drawing("a particle filter", key)
+        return key_of_run("a particle filter", key)
 
     def ready(self, model: StateSpaceModel, key: Array | None = None) -> ParticleFilter:
         """The model made ready."""
         return ParticleFilter.of(model, self, key)
-
-
-def drawing(what: str, key: Any) -> Array:
-    """The key of a run, without which a method that draws cannot be."""
-    if key is None:
-        raise ValueError(f"key is missing: {what} draws; pass key=jax.random.key(seed), or a seed")
-    return checks.key("key", key)
 
 
 def particle_filter(
@@ -118,9 +110,8 @@ def particle_filter(
     if move is not None:
         checks.instance("move", move, Move, "sp.moves.random_walk(), .independence() or .metropolis(kernel)")
     particles, threshold = checks.whole("particles", particles, 1), checks.fraction("threshold", threshold)
-    return ParticleMethod(
-        particles, proposal, resampling, threshold, move, Afterwards(), mesh(devices, AXIS, particles)
-    )
+    over = mesh(devices, AXIS, particles)
+    return ParticleMethod(particles, proposal, Resampler(resampling, threshold), move, Afterwards(), over)
 
 
 def bootstrap(particles: int) -> ParticleMethod:

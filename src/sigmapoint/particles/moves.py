@@ -17,12 +17,12 @@ from jaxtyping import Array, Float
 from sigmapoint import checks
 from sigmapoint.linalg import cholesky
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.noise import Additive
 from sigmapoint.particles.instant import Instant
-from sigmapoint.particles.proposal import Drawn, Proposal, Prospect
+from sigmapoint.particles.proposal import Drawn, Proposal, Prospect, dense
 from sigmapoint.particles.state import ParticleState
 from sigmapoint.particles.weights import moments
 
+__all__ = ["independence", "metropolis", "random_walk"]
 Kernel = Callable[[Array, Array], tuple[Array, Array]]
 
 
@@ -56,8 +56,7 @@ class Metropolis:
     steps: int
 
     def fits(self, model: StateSpaceModel) -> None:
-        for name, noise in (("process_noise", model.process_noise), ("initial", Additive(model.initial))):
-            noise.dense(name, "a move by a kernel", "use sp.moves.independence(), or no move")
+        dense(model, "a move by a kernel", "use sp.moves.independence(), or no move")
 
     def __call__(self, key: Array, setting: Setting, drawn: Drawn) -> Drawn:
         at, N = setting.at, drawn.particles.shape[0]

@@ -17,17 +17,15 @@ from sigmapoint.carry import known
 from sigmapoint.conditioning import Joint, condition
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.native import applied
-from sigmapoint.particles.instant import Instant, Surprise
+from sigmapoint.particles.instant import Instant
 from sigmapoint.particles.mixture import together
 from sigmapoint.particles.normals import normals
 from sigmapoint.particles.sampled import Draws, Sampled
-from sigmapoint.particles.selection import uneven
-from sigmapoint.particles.state import ParticleInfo
-from sigmapoint.particles.weights import Cloud, effective, even, weighed
+from sigmapoint.particles.state import ParticleInfo, Surprise
+from sigmapoint.particles.weights import Cloud, even, weighed
 from sigmapoint.rules.linearization import Linearization
 from sigmapoint.series import of_each
 from sigmapoint.step import Filter, FilterState
-from sigmapoint.system import System
 
 RESAMPLED, DRAWN = range(2)
 """What random numbers are for."""
@@ -97,17 +95,8 @@ class RaoBlackwellisedFilter(NamedTuple):
 
     def predict(self, state: RaoBlackwellisedState, u: Any) -> RaoBlackwellisedState:
         """Beliefs about the next instant, of the particles that are worth it, and draws from them."""
-        method = self.method
-        every = jnp.arange(method.particles, dtype=state.ancestors.dtype)
-
-        def chosen() -> tuple[FilterState, Array, Array]:
-            ancestors = method.resampling(state.draws.key_for(RESAMPLED), state.log_weights)
-            filters = jax.tree.map(lambda a: a[ancestors], state.filters)
-            return filters, even(method.particles, state.log_weights.dtype), every[ancestors]
-
-        filters, log_weights, ancestors = jax.lax.cond(
-            uneven(method, state.log_weights), chosen, lambda: (state.filters, state.log_weights, every)
-        )
+        key = state.draws.key_for(RESAMPLED)
+        filters, log_weights, ancestors = self.method.resampler.where_due(key, state.log_weights, state.filters)
         ahead = of_each(lambda one: self.filter.predict(one, u), filters)
         drawn = self._drawn(state.draws.key_for(DRAWN), ahead)
         return state.replace(filters=drawn, log_weights=log_weights, ancestors=ancestors, draws=state.draws.after())
@@ -119,9 +108,8 @@ class RaoBlackwellisedFilter(NamedTuple):
         filters, infos = of_each(lambda one: self.filter.update(one, y, u), state.filters)
         log_weights, log_likelihood = weighed(state.log_weights, infos.log_likelihood)
         explained = log_likelihood > -jnp.inf
-        ess = jnp.where(explained, effective(log_weights), 0.0)
         filters = jax.tree.map(lambda new, old: jnp.where(explained, new, old), filters, state.filters)
-        info = ParticleInfo(*self._predicted(state, y, u), log_likelihood, ess)
+        info = ParticleInfo.of(self._predicted(state, y, u), log_likelihood, log_weights)
         return state.replace(filters=filters, log_weights=log_weights, draws=state.draws.after()), info
 
     def _drawn(self, key: Array, filters: FilterState) -> FilterState:
@@ -146,7 +134,7 @@ class RaoBlackwellisedFilter(NamedTuple):
 
     def _predicted(self, state: RaoBlackwellisedState, y: Array, u: Any) -> Surprise:
         """The measurement as the particles predicted it."""
-        at = Instant.of(System(self.model, self.filter.process, self.filter.observation), state.step, y, u)
+        at = Instant.of(self.filter.system, state.step, y, u)
         means, covs = of_each(lambda one: self.filter.expected(one, y, u), state.filters)
         whole = together(state.log_weights, means, covs, at.functions.observation_space)
         return at.surprise(whole.mean, whole.cov)

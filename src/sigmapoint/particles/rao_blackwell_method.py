@@ -8,10 +8,10 @@ from jaxtyping import Array
 from sigmapoint import checks
 from sigmapoint.methods import srukf
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.particles.method import drawing
 from sigmapoint.particles.posterior import ParticlePosterior
 from sigmapoint.particles.rao_blackwell import RaoBlackwellisedFilter, RaoBlackwellisedState
-from sigmapoint.particles.resampling import Resampling, systematic
+from sigmapoint.particles.resampling import Resampler, Resampling, systematic
+from sigmapoint.particles.sampled import key_of_run
 from sigmapoint.results import Posterior
 from sigmapoint.step import Filter, Method
 
@@ -24,15 +24,13 @@ class RaoBlackwellisedMethod:
         particles: how many.
         sampled: elements of the state that are drawn, by place or by name.
         method: the Gaussian filter of the others.
-        resampling: `(key, log_weights)` to ancestors.
-        threshold: share of `particles` below which the effective sample size leads to resampling.
+        resampler: how particles are resampled, and when.
     """
 
     particles: int
     sampled: tuple[int | str, ...]
     method: Method
-    resampling: Resampling
-    threshold: float
+    resampler: Resampler
 
     posterior: ClassVar[type[Posterior]] = ParticlePosterior
     state: ClassVar[type] = RaoBlackwellisedState
@@ -53,7 +51,7 @@ class RaoBlackwellisedMethod:
 
     def random(self, key: Any) -> Array:
         """The key of a run."""
-        return drawing("a particle filter", key)
+        return key_of_run("a Rao-Blackwellised filter", key)
 
     def ready(self, model: StateSpaceModel, key: Array | None = None) -> RaoBlackwellisedFilter:
         """The model made ready."""
@@ -76,8 +74,8 @@ class RaoBlackwellisedMethod:
 def rao_blackwellised(
     particles: int,
     sampled: tuple[int | str, ...],
-    method: Method | None = None,
     *,
+    method: Method | None = None,
     resampling: Resampling = systematic,
     threshold: float = 0.5,
 ) -> RaoBlackwellisedMethod:
@@ -116,4 +114,4 @@ def rao_blackwellised(
     method = srukf() if method is None else method
     checks.instance("method", method, Method, "a sp.Method, a Gaussian filter such as sp.srukf()")
     checks.function("resampling", resampling, "(key, log_weights)")
-    return RaoBlackwellisedMethod(particles, sampled, method, resampling, threshold)
+    return RaoBlackwellisedMethod(particles, sampled, method, Resampler(resampling, threshold))

@@ -14,14 +14,50 @@ All take O(N): nothing is sorted, and only independent draws are searched for. A
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from sigmapoint.native import running_max, running_sum
+from sigmapoint.particles.weights import effective, even
 
+__all__ = ["multinomial", "residual", "stratified", "systematic"]
 Resampling = Callable[[Array, Array], Array]
+
+
+@dataclass(frozen=True)
+class Resampler:
+    """A scheme, and when it is time for it.
+
+    Args:
+        scheme: `(key, log_weights)` to ancestors.
+        threshold: share of the particles below which the effective sample size asks for it.
+    """
+
+    scheme: Resampling
+    threshold: float
+
+    def due(self, log_weights: Float[Array, " N"]) -> Bool[Array, ""]:
+        """Whether so few particles count that it is time."""
+        return effective(log_weights) < self.threshold * log_weights.shape[0]
+
+    def resampled(self, key: Array, log_weights: Float[Array, " N"], tree: Any) -> tuple[Any, Array, Array]:
+        """Copies of what the particles have, the weights of these, all the same, and their ancestors."""
+        ancestors = self.scheme(key, log_weights)
+        copies = jax.tree.map(lambda a: a[ancestors], tree)
+        return copies, even(log_weights.shape[0], log_weights.dtype), ancestors
+
+    def where_due(self, key: Array, log_weights: Float[Array, " N"], tree: Any) -> tuple[Any, Array, Array]:
+        """The same where it is time; else what there is, each its own ancestor."""
+        here = jnp.arange(log_weights.shape[0], dtype=jnp.int32)
+        return jax.lax.cond(
+            self.due(log_weights),
+            lambda: self.resampled(key, log_weights, tree),
+            lambda: (tree, log_weights, here),
+        )
 
 
 def _cumulative(weights: Float[Array, " N"]) -> Float[Array, " N"]:

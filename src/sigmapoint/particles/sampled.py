@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from sigmapoint import checks
 from sigmapoint.particles.weights import Cloud, effective
 from sigmapoint.spaces import Space
 
@@ -72,4 +73,11 @@ class Sampled(eqx.Module):
 
     def replace(self: Own, **fields: Any) -> Own:
         """With other values of some fields."""
-        return type(self)(**{f.name: fields.get(f.name, getattr(self, f.name)) for f in dataclasses.fields(self)})
+        return dataclasses.replace(self, **fields)
+
+
+def key_of_run(what: str, key: Any) -> Array:
+    """The key of a run, without which a method that draws cannot be."""
+    if key is None:
+        raise ValueError(f"key is missing: {what} draws; pass key=jax.random.key(seed), or a seed")
+    return checks.key("key", key)

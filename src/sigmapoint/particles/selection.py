@@ -7,7 +7,7 @@
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +15,9 @@ from jaxtyping import Array, Float
 
 from sigmapoint.particles.instant import Instant
 from sigmapoint.particles.proposal import Prospect
+from sigmapoint.particles.resampling import Resampler
 from sigmapoint.particles.state import ParticleState
-from sigmapoint.particles.weights import effective, even, weighed
+from sigmapoint.particles.weights import weighed
 
 
 class Selected(NamedTuple):
@@ -29,45 +30,31 @@ class Selected(NamedTuple):
 
 @runtime_checkable
 class Selection(Protocol):
-    """When particles are chosen. `method` has the resampling scheme and its threshold."""
+    """When particles are chosen."""
 
-    def before_time(self, method: Any, key: Array, state: ParticleState, /) -> ParticleState:
+    def before_time(self, resampler: Resampler, key: Array, state: ParticleState, /) -> ParticleState:
         """The particles that go on to the next instant."""
         ...
 
     def before_drawing(
-        self, method: Any, key: Array, at: Instant, state: ParticleState, prospect: Prospect, /
+        self, resampler: Resampler, key: Array, at: Instant, state: ParticleState, prospect: Prospect, /
     ) -> Selected:
         """The particles whose origins are drawn from, in the light of the measurement."""
         ...
-
-
-def uneven(method: Any, log_weights: Float[Array, " N"]) -> Array:
-    """Whether so few particles count that it is time to resample."""
-    return effective(log_weights) < method.threshold * method.particles
 
 
 @dataclass(frozen=True)
 class Afterwards:
     """By their weights."""
 
-    def before_time(self, method: Any, key: Array, state: ParticleState) -> ParticleState:
-        here = jnp.arange(method.particles, dtype=state.ancestors.dtype)
+    def before_time(self, resampler: Resampler, key: Array, state: ParticleState) -> ParticleState:
         carried = state.particles, state.origin.proposal
-
-        def chosen() -> tuple[Array, Any, Array, Array]:
-            ancestors = method.resampling(key, state.log_weights)
-            particles, memory = jax.tree.map(lambda a: a[ancestors], carried)
-            return particles, memory, ancestors, even(method.particles, state.log_weights.dtype)
-
-        particles, memory, ancestors, log_weights = jax.lax.cond(
-            uneven(method, state.log_weights), chosen, lambda: (*carried, here, state.log_weights)
-        )
+        (particles, memory), log_weights, ancestors = resampler.where_due(key, state.log_weights, carried)
         origin = state.origin._replace(proposal=memory)
         return state.replace(particles=particles, ancestors=ancestors, log_weights=log_weights, origin=origin)
 
     def before_drawing(
-        self, method: Any, key: Array, at: Instant, state: ParticleState, prospect: Prospect
+        self, resampler: Resampler, key: Array, at: Instant, state: ParticleState, prospect: Prospect
     ) -> Selected:
         return Selected(state, prospect, jnp.zeros_like(state.log_weights))
 
@@ -76,22 +63,17 @@ class Afterwards:
 class Ahead:
     """By the next measurement."""
 
-    def before_time(self, method: Any, key: Array, state: ParticleState) -> ParticleState:
-        return state.replace(ancestors=jnp.arange(method.particles, dtype=state.ancestors.dtype))
+    def before_time(self, resampler: Resampler, key: Array, state: ParticleState) -> ParticleState:
+        return state.replace(ancestors=jnp.arange(state.log_weights.shape[0], dtype=jnp.int32))
 
     def before_drawing(
-        self, method: Any, key: Array, at: Instant, state: ParticleState, prospect: Prospect
+        self, resampler: Resampler, key: Array, at: Instant, state: ParticleState, prospect: Prospect
     ) -> Selected:
         first = weighed(state.log_weights, prospect.log_density)
-        useful = at.usable(state) & (first.log_total > -jnp.inf) & uneven(method, first.log_weights)
+        useful = at.usable(state) & (first.log_total > -jnp.inf) & resampler.due(first.log_weights)
 
         def chosen() -> Selected:
-            ancestors = method.resampling(key, first.log_weights)
-            given = jax.tree.map(lambda a: a[ancestors], prospect)
-            return Selected(
-                state.chosen(ancestors, even(method.particles, state.log_weights.dtype)),
-                given,
-                first.log_total - given.log_density,
-            )
+            given, log_weights, ancestors = resampler.resampled(key, first.log_weights, prospect)
+            return Selected(state.chosen(ancestors, log_weights), given, first.log_total - given.log_density)
 
         return jax.lax.cond(useful, chosen, lambda: Selected(state, prospect, jnp.zeros_like(state.log_weights)))

@@ -76,7 +76,7 @@ def backward(
 
     def step(later: Array, row: tuple[Array, Particles, Any]) -> tuple[Array, Array]:
         k, cloud, u = row
-        fs, density = run.system.functions(k), run.process.density(k)
+        fs, density = run.system.functions(k), run.system.process.density(k)
         centre = jax.vmap(lambda x: fs.f(x, u))(cloud.particles)
         every = jnp.ones(jax.eval_shape(space.residual, centre[0], centre[0]).shape[0], bool)
 

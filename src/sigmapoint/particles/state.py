@@ -3,12 +3,13 @@
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int
 
 from sigmapoint.devices import placed
 from sigmapoint.particles.sampled import Sampled
-from sigmapoint.particles.weights import Cloud, moments
+from sigmapoint.particles.weights import Cloud, effective, moments
 
 AXIS = "particles"
 
@@ -77,6 +78,14 @@ class ParticleState(Sampled):
         )
 
 
+class Surprise(NamedTuple):
+    """Innovation (NaN where nothing was measured), its covariance and NIS."""
+
+    innovation: Float[Array, " m"]
+    innovation_cov: Float[Array, "m m"]
+    nis: Float[Array, ""]
+
+
 class ParticleInfo(NamedTuple):
     """What an update saw; innovation, its covariance and NIS by the prediction made before.
 
@@ -101,3 +110,11 @@ class ParticleInfo(NamedTuple):
     Gaussian sum, whose mixtures are found in samples."""
     ess: Float[Array, ""]
     """Effective sample size after weighing; 0 where no particle explains the measurement (all weights were zero)."""
+
+    @classmethod
+    def of(
+        cls, predicted: Surprise, log_likelihood: Float[Array, ""], log_weights: Float[Array, " N"]
+    ) -> "ParticleInfo":
+        """From the prediction, and what the measurement made of the weights."""
+        ess = jnp.where(log_likelihood > -jnp.inf, effective(log_weights), 0.0)
+        return cls(*predicted, log_likelihood, ess)
