@@ -51,8 +51,9 @@ from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive, Gaussian, NonAdditive
 from sigmapoint.online import OnlineFilter, online
 from sigmapoint.particles import moves, proposals, resampling
-from sigmapoint.particles.gaussian_sum import GaussianSumState
-from sigmapoint.particles.gaussian_sum_method import GaussianSumMethod, gmsppf, gspf
+from sigmapoint.particles.gaussian_sum.filter import GaussianSumState
+from sigmapoint.particles.gaussian_sum.method import GaussianSumMethod, gmsppf, gspf
+from sigmapoint.particles.gaussian_sum.mixture import Mixture
 from sigmapoint.particles.method import ParticleMethod, auxiliary, bootstrap, ekpf, particle_filter, upf
 from sigmapoint.particles.posterior import GaussianSumPosterior, ParticlePosterior
 from sigmapoint.particles.rao_blackwell import RaoBlackwellisedState
@@ -112,6 +113,7 @@ __all__ = [
     "LogPosterior",
     "Manifold",
     "Method",
+    "Mixture",
     "NonAdditive",
     "OnlineFilter",
     "OnlineSmoother",

@@ -76,7 +76,7 @@ def batch(
     ragged = isinstance(y, list | tuple)
     rows = concatenated(y, u) if ragged else _flattened(y, u)
     recipe, B = fitting(model, method), len(rows.lengths)
-    keep = checks.selection("keep", keep, recipe.posterior.FIELDS)
+    keep = recipe.posterior.selected(keep)
     estimator: Estimator = Forward() if smoother is None else looking_back(smoother, recipe, model)
     keys = jax.tree.map(lambda key: jax.random.split(key, B), recipe.random(key))
     flat_y, flat_u = series_of(model, rows.y, rows.u, int(rows.lengths.max()))
@@ -90,9 +90,8 @@ def batch(
         every = jax.device_put([(*_series(rows, i), found[i]) for i in range(B)])
         return [recipe.posterior.of(model, *one) for one in every]
     y, u = _split((flat_y, flat_u), B)
-    return recipe.posterior.of(
-        model, y, u, {name: jnp.asarray(np.stack([found[i][name] for i in range(B)])) for name in found[0]}
-    )
+    kept = jax.tree.map(lambda *each: jnp.asarray(np.stack(each)), *(found[i] for i in range(B)))
+    return recipe.posterior.of(model, y, u, kept)
 
 
 def _split(tree: Any, B: int) -> Any:
@@ -164,23 +163,23 @@ def _over_workers(
     method: Recipe,
     estimator: Estimator,
     keep: tuple[str, ...],
-) -> dict[int, dict[str, np.ndarray]]:
+) -> dict[int, dict[str, Any]]:
     """What was kept of each series, by its number."""
     devices = jax.local_devices()
     # A thread does not know of `with jax.enable_x64(True)`.
     of_the_caller = jax.dtypes.canonicalize_dtype(np.float64) == np.float64
 
-    def work(i: int) -> list[tuple[int, dict[str, np.ndarray]]]:
+    def work(i: int) -> list[tuple[int, dict[str, Any]]]:
         piece = pieces[i]
         members = np.pad(piece.members, (0, len(piece.y) - len(piece.members)), mode="edge")
         own = jax.tree.map(lambda keys: keys[members], keys)
         with jax.enable_x64(of_the_caller):
             y, u, lengths, own = jax.device_put((piece.y, piece.u, piece.lengths, own), devices[i % len(devices)])
             kept = unwrapped(_together, model, y, u, lengths, own, method, estimator, keep)
-            kept = {name: np.asarray(value) for name, value in kept.items()}
+            kept = jax.tree.map(np.asarray, kept)
 
-        def of(j: int) -> dict[str, np.ndarray]:
-            return {name: np.asarray(v[j] if v.ndim == 1 else v[j, : piece.lengths[j]]) for name, v in kept.items()}
+        def of(j: int) -> dict[str, Any]:
+            return jax.tree.map(lambda v: np.asarray(v[j] if v.ndim == 1 else v[j, : piece.lengths[j]]), kept)
 
         return [(int(member), of(j)) for j, member in enumerate(piece.members)]
 
@@ -201,10 +200,10 @@ def _together(
     method: Recipe,
     estimator: Estimator,
     keep: tuple[str, ...],
-) -> dict[str, Array]:
+) -> dict[str, Any]:
     T = y.shape[1]
 
-    def one(y: Array, u: Any, length: Array, key: Array | None) -> dict[str, Array]:
+    def one(y: Array, u: Any, length: Array, key: Array | None) -> dict[str, Any]:
         real, run = jnp.arange(T) < length, method.ready(model, key)
         return estimator(run, jnp.where(real[:, None], y, jnp.nan), u, keep, real)
 

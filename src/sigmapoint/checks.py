@@ -4,6 +4,7 @@ Values are looked at only where they are known: under `jax.jit`, `grad` or `vmap
 """
 
 import importlib
+import inspect
 import operator
 from collections.abc import Iterable
 from typing import Any
@@ -65,9 +66,23 @@ def fraction(name: str, value: Any) -> float:
 def instance(name: str, value: Any, kind: Any, maker: str = "") -> None:
     """An object of a class of this library; `maker` is how one is made, where users do not write the class."""
     if not isinstance(value, kind):
-        hint = f"; call it: {name}=sp.{value.__name__}()" if callable(value) and hasattr(value, "__name__") else ""
-        expected = maker or f"a sp.{kind.__name__}"
+        expected, call = maker or f"a sp.{kind.__name__}", _call(value)
+        hint = f"; call it: {name}={call}" if call else ""
         raise ValueError(f"{name} must be {expected}, got {type(value).__name__}{hint}")
+
+
+def _call(value: Any) -> str:
+    """How a function of this library is called, as `sp.proposals.guided(method)`; nothing where it is another."""
+    import sigmapoint as sp
+
+    name = getattr(value, "__name__", "")
+    places = {"sp": sp, "sp.proposals": sp.proposals, "sp.moves": sp.moves}
+    place = next((place for place, of in places.items() if getattr(of, name, None) is value), None) if name else None
+    if place is None or not callable(value):
+        return ""
+    parameters = inspect.signature(value).parameters.values()
+    names = [p.name for p in parameters if p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD]
+    return f"{place}.{name}({', '.join(names)})"
 
 
 def space(name: str, value: Any, size: int | None) -> None:

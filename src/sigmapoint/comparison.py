@@ -22,7 +22,7 @@ from sigmapoint.contents import Contents
 from sigmapoint.filtering import filter, series_of
 from sigmapoint.methods import METHODS
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.recipe import Recipe
+from sigmapoint.recipe import MAKER, Recipe
 from sigmapoint.results import Posterior, field
 from sigmapoint.smoothing.smoother import smooth as smoothed
 
@@ -96,7 +96,9 @@ def _error(post: Posterior, truth: Float[np.ndarray, "T d"]) -> Row:
 
 def _innovations(post: Posterior) -> Row:
     found = surprise(field(post, "innovation"), field(post, "nis"))
-    return {"nis_per_element": found.per_element, "log_likelihood": float(post.log_likelihood)}
+    ess = getattr(post, "ess", None)
+    drawn = {} if ess is None else {"ess": float(np.median(ess))}
+    return {"nis_per_element": found.per_element, "log_likelihood": float(post.log_likelihood), **drawn}
 
 
 def _note(post: Posterior) -> str:
@@ -138,16 +140,19 @@ def compare(
         methods: name -> method; the eleven standard ones where not given.
         truth: true states (T, n), in the units of the state; NaN where not known.
         key: `jax.random.key(seed)`, or the seed, for methods that draw.
-        smooth: judge smoothed in place of filtered estimates (innovations are the filter's in both cases).
+        smooth: judge smoothed in place of filtered estimates (innovations are the filter's in both cases), by
+            `sp.rts()`; methods that this is not for say so in their note.
         each: called with the name of each method before it runs, for a progress bar.
 
     Returns:
         A `Comparison`: `.rows` (dicts), `.posteriors`, `.to_frame()`, and a table when printed. Columns: `rmse` of each
         state [its unit] and `coverage_2sigma` [1] (0.954 expected) with `truth`; `nis_per_element` [1] (1 expected);
-        `log_likelihood`; `us_per_step` [µs] warm; `compile_s` [s]; `note`: why a method refused, or where it diverged.
+        `log_likelihood`; `ess` [1], the median effective sample size of a particle filter; `us_per_step` [µs] warm;
+        `compile_s` [s]; `note`: why a method refused, or where it diverged.
 
     Raises:
-        ValueError: measurements, inputs or truth that do not fit the model, or no methods.
+        ValueError: measurements, inputs or truth that do not fit the model, no methods, or one that draws without a
+            key.
 
     Examples:
         >>> import jax, jax.numpy as jnp, sigmapoint as sp
@@ -166,6 +171,9 @@ def compare(
     if methods is not None and not methods:
         raise ValueError("methods is empty: give a dict such as {'ekf': sp.ekf(), 'srcdkf': sp.srcdkf()}")
     chosen = {name: METHODS[name]() for name in STANDARD} if methods is None else methods
+    for method in chosen.values():
+        checks.instance("method", method, Recipe, MAKER)
+        method.random(key)
     estimate = smoothed if smooth else filter
     rows, posteriors = [], {}
     for name, method in chosen.items():

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks, data_checks, series
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.methods import Method, srcdkf
+from sigmapoint.methods import Method, gaussian_filter, srcdkf
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.recipe import MAKER, Recipe, Run
 from sigmapoint.results import FIELDS, Labels, Posterior
@@ -35,8 +35,8 @@ def filter(
         method: how, e.g. `srukf()`, `ekf()`, `bootstrap(1000)`; `srcdkf()` where not given.
         key: `jax.random.key(seed)`, or the seed, for methods that draw; of no account to the others.
         keep: which results to keep, to save memory on long series: a selection of `mean`, `cov`, `std`, `innovation`,
-            `innovation_cov`, `nis`; of a particle filter also `particles`, `log_weights`, `ancestors`, which are not
-            kept unless named here. The log-likelihood is always kept.
+            `innovation_cov`, `nis`; of a particle filter also `particles`, `log_weights`, `ancestors` (of a Gaussian
+            sum `mixture`), which are not kept unless named here. The log-likelihood is always kept, and `ess`.
 
     Returns:
         A `Posterior` of filtered beliefs; of a particle filter a `ParticlePosterior`.
@@ -54,7 +54,7 @@ def filter(
         ((3, 1), ())
     """
     y, u, recipe = prepared(model, y, u, method)
-    keep = checks.selection("keep", keep, recipe.posterior.FIELDS)
+    keep = recipe.posterior.selected(keep)
     kept = unwrapped(estimate, model, y, u, recipe, recipe.random(key), Forward(), keep)
     return recipe.posterior.of(model, y, u, kept)
 
@@ -87,8 +87,7 @@ def fitting(model: StateSpaceModel, method: Recipe | None) -> Recipe:
 
 def gaussian(model: StateSpaceModel, method: Recipe | None) -> Method:
     """The same, of what works with Gaussian beliefs only."""
-    given: Any = srcdkf() if method is None else method
-    checks.instance("method", given, Method, "a sp.Method, a Gaussian filter such as sp.srcdkf()")
+    given = gaussian_filter("method", method, srcdkf())
     fitting(model, given)
     return given
 
@@ -97,9 +96,7 @@ class Estimator(ABC):
     """What a series is worked through by: a filter or a smoother, with its settings."""
 
     @abstractmethod
-    def __call__(
-        self, run: Any, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
-    ) -> dict[str, Array]:
+    def __call__(self, run: Any, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None) -> dict[str, Any]:
         """The fields named in `keep`, and the log-likelihood, over a series; of the rows that are `real`, if given."""
 
 
@@ -107,9 +104,7 @@ class Estimator(ABC):
 class Forward(Estimator):
     """The filter: each state from the measurements up to its own instant."""
 
-    def __call__(
-        self, run: Run, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
-    ) -> dict[str, Array]:
+    def __call__(self, run: Run, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None) -> dict[str, Any]:
         names = (*keep, *run.method.posterior.ALWAYS)
         kept, log_likelihood, _ = scan(run, y, u, lambda state, info: fields(names, info, state), real)
         return {**kept, "log_likelihood": log_likelihood}
@@ -124,7 +119,7 @@ def estimate(
     key: Array | None,
     estimator: Estimator,
     keep: tuple[str, ...],
-) -> dict[str, Array]:
+) -> dict[str, Any]:
     """One series through an estimator."""
     return estimator(method.ready(model, key), y, u, keep)
 
@@ -147,7 +142,7 @@ def scan(
     return kept, total, ahead
 
 
-def fields(keep: tuple[str, ...], *sources: Any) -> dict[str, Array]:
+def fields(keep: tuple[str, ...], *sources: Any) -> dict[str, Any]:
     """The fields named in `keep`, each from the first source that has it."""
     found = {name: next((s for s in sources if name in dir(s)), None) for name in keep}
     return {name: getattr(source, name) for name, source in found.items() if source is not None}

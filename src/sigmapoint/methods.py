@@ -28,6 +28,17 @@ from sigmapoint.rules.unscented import Julier, Unscented
 from sigmapoint.step import Method
 
 
+def gaussian_filter(name: str, given: Any, default: Method | None = None) -> Method:
+    """A Gaussian filter as an argument, or its default.
+
+    Raises:
+        ValueError: anything else.
+    """
+    method: Any = default if given is None else given
+    checks.instance(name, method, Method, "a sp.Method, a Gaussian filter such as sp.srukf()")
+    return method
+
+
 def _numbers(**settings: Any) -> dict[str, float]:
     return {name: checks.number(name, value) for name, value in settings.items()}
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint import belief_checks, checks
-from sigmapoint.densities import Distribution, moments, size_of
+from sigmapoint.distributions import Distribution, moments, size_of
 from sigmapoint.entering import AdditiveNoise, StackedNoise
 
 
@@ -74,10 +74,10 @@ class Additive(eqx.Module):
 
     kind = AdditiveNoise
 
-    def added(self, name: str, by: str, instead: str) -> None:
+    def require_additive(self, name: str, by: str, instead: str) -> None:
         """It is; see `NonAdditive`."""
 
-    def dense(self, name: str, by: str, instead: str) -> None:
+    def require_density(self, name: str, by: str, instead: str) -> None:
         """Raise where a Gaussian has no density, as its covariance is singular."""
         if self.distribution is None and checks.known(self.cov) and belief_checks.singular(self.cov):
             raise ValueError(
@@ -126,11 +126,11 @@ class NonAdditive(eqx.Module):
 
     kind = StackedNoise
 
-    def added(self, name: str, by: str, instead: str) -> None:
+    def require_additive(self, name: str, by: str, instead: str) -> None:
         """Raise: it is inside a function."""
         raise ValueError(f"{name} must be additive for {by}, got sp.NonAdditive: {instead}")
 
-    def dense(self, name: str, by: str, instead: str) -> None:
+    def require_density(self, name: str, by: str, instead: str) -> None:
         """Raise: what a function makes of a noise has no density that is known."""
         raise ValueError(
             f"{name} must be additive for {by}, which needs its density, got sp.NonAdditive: {instead}, or give the "
@@ -175,6 +175,7 @@ def initial_of(given: Any) -> Gaussian:
 def _parts(cov: Any, mean: Any, distribution: Any) -> tuple[Array, Array, Any]:
     """Covariance, mean and distribution, each from where it was given."""
     if isinstance(cov, Gaussian):
+        distribution = cov.distribution if distribution is None else distribution
         cov, mean = cov.cov, cov.mean
     elif isinstance(cov, Distribution):
         if distribution is not None:

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from sigmapoint import checks
 from sigmapoint.checks import known
 from sigmapoint.spaces import Euclidean, Space, same_elements
 
@@ -102,7 +103,12 @@ class Posterior(eqx.Module):
     labels: Labels
 
     @classmethod
-    def of(cls, model: Any, y: Array, u: Any, kept: dict[str, Array]) -> Any:
+    def selected(cls, keep: Any) -> tuple[str, ...]:
+        """A selection of what can be kept, checked; what is kept in any case may be among it."""
+        return checks.selection("keep", keep, (*cls.FIELDS, *cls.ALWAYS, "log_likelihood"))
+
+    @classmethod
+    def of(cls, model: Any, y: Array, u: Any, kept: dict[str, Any]) -> Any:
         """From what a run kept."""
         labels = Labels.of(model, y.shape[-1])
         fields = {name: kept.get(name) for name in (*cls.FIELDS, *cls.ALWAYS)}

@@ -9,7 +9,8 @@ from jaxtyping import Array, Bool
 from sigmapoint import function_checks
 from sigmapoint.belief import Spread
 from sigmapoint.carry import Functions
-from sigmapoint.densities import Density, Given, Normal, whitening
+from sigmapoint.densities import Density, Normal, whitening
+from sigmapoint.distributions import Given
 from sigmapoint.entering import NoiseSeries
 from sigmapoint.folding import folded
 from sigmapoint.model import StateSpaceModel

@@ -1,6 +1,7 @@
 """Results as labelled tables: `xarray.Dataset` and `pandas.DataFrame`, with the units of every column."""
 
 from datetime import UTC, datetime
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,8 @@ def to_xarray(post: Posterior, time: Any = None) -> Any:
     Returns:
         `mean`, `std` (time, state), `cov` (time, state, state2), `innovation` (time, observation), `innovation_cov`,
         `nis` (time), `y`, and `u` (time, input) where inputs are numeric columns; of particle filters `ess` (time),
-        `particles` (time, particle, state), `log_weights` and `ancestors`; what was not kept is left out.
+        `particles` (time, particle, state), `log_weights` and `ancestors`; of Gaussian sums `mixture.log_weights`
+        (time, component), `mixture.mean`, `mixture.cov`; what was not kept is left out.
         Coordinates `state_unit` and `observation_unit`; attribute `log_likelihood`. On a manifold with fewer dimensions
         than elements, errors are along `tangent` in place of `state`, and `observation_tangent` of `observation`.
 
@@ -50,7 +52,7 @@ def to_xarray(post: Posterior, time: Any = None) -> Any:
         "nis": ("time",),
         **post.AXES,
     }
-    kept = {name: getattr(post, name) for name in dims}
+    kept = {name: reduce(lambda of, part: getattr(of, part, None), name.split("."), post) for name in dims}
     fields = {name: (dims[name], host(values)) for name, values in kept.items() if values is not None}
     if post.nis is not None:
         fields["nis"] = (("time",), _nis(post))
@@ -76,6 +78,7 @@ def to_xarray(post: Posterior, time: Any = None) -> Any:
         "innovation": surprises.units,
         "y": labels.observation_units,
         "particles": labels.state_units,
+        "mixture.mean": labels.state_units,
     }
     for name in units.keys() & set(data):
         data[name].attrs["units"] = list(units[name])

@@ -23,6 +23,11 @@ def some(names, slow):
     return [pytest.param(name, marks=pytest.mark.slow) if name in slow else name for name in names]
 
 
+def sums(N: int) -> dict[str, Any]:
+    """Gaussian sums, which are consistent, but not unbiased."""
+    return {"gspf": sp.gspf(N, 4), "gmsppf": sp.gmsppf(N, 3)}
+
+
 def makes(N: int) -> dict[str, Any]:
     """Every kind of proposal, selection and move."""
     guided = sp.proposals.guided(sp.srcdkf())

@@ -8,7 +8,7 @@ import pytest
 from particles.scalar_case import MODEL, Y
 
 import sigmapoint as sp
-from sigmapoint.densities import Given, moments
+from sigmapoint.distributions import Given, moments
 
 
 @pytest.fixture(autouse=True)

@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro.distributions as dist
 import pytest
-from particles.scalar_case import EXACT, MODEL, Y, some
+from particles.scalar_case import EXACT, MODEL, Y, some, sums
 
 import sigmapoint as sp
 
-MAKES = {"gspf": lambda N: sp.gspf(N, 4), "gmsppf": lambda N: sp.gmsppf(N, 3)}
+MAKES = {name: lambda N, name=name: sums(N)[name] for name in sums(10)}
 SIZES = {64: 200, 1024: 50}
 
 
@@ -32,39 +32,19 @@ def test_convergence_to_the_kalman_filter_is_of_order_one_half(name):
 
 
 @pytest.mark.parametrize("name", some(MAKES, ["gspf"]))
-def test_online_is_filter(name):
-    method = MAKES[name](200)
-    whole = sp.filter(MODEL, Y, method=method, key=3, keep=("mean", "particles", "log_weights"))
-    live = sp.online(MODEL, method)
-    state = live.init(key=3)
-    for k in range(3):
-        state, info = live.update(state, Y[k])
-        np.testing.assert_allclose(state.particles, whole.particles[k], rtol=1e-5, atol=1e-5)  # draws are of 32 bits
-        np.testing.assert_allclose(state.mean, whole.mean[k], rtol=1e-5)
-        np.testing.assert_allclose(info.ess, whole.ess[k], rtol=1e-5)
-        state = live.predict(state)
-
-
-@pytest.mark.parametrize("name", some(MAKES, ["gspf"]))
-def test_a_missing_row_leaves_the_prediction(name):
-    live = sp.online(MODEL, MAKES[name](100))
-    state = live.predict(live.update(live.init(key=0), [1.0])[0])
-    after, info = live.update(state, [jnp.nan])
-    for one, two in zip(jax.tree.leaves(after.mixture), jax.tree.leaves(state.mixture)):
-        np.testing.assert_array_equal(one, two)
-    assert float(info.log_likelihood) == 0
-    assert float(info.ess) > 0
-
-
-@pytest.mark.parametrize("name", some(MAKES, ["gspf"]))
-def test_where_no_particle_explains_a_measurement_the_mixture_stays_as_predicted(name):
-    y = np.array([[1.0], [1e200], [0.5]])
-    with pytest.warns(UserWarning, match="no particle explains the measurement of row 1"):
-        post = sp.filter(MODEL, y, method=MAKES[name](100), key=0)
-    assert float(post.log_likelihood) == -np.inf
-    assert float(post.ess[1]) == 0
-    assert np.isfinite(post.mean).all()
-    assert np.isfinite(post.std).all()
+def test_the_mixtures_of_a_series_are_kept_and_tabled(name):
+    post = sp.filter(MODEL, Y, method=MAKES[name](300), key=0, keep=("mean", "cov", "mixture"))
+    mixture, G = post.mixture, len(post.mixture.log_weights[0])
+    assert (mixture.mean.shape, mixture.cov.shape) == ((6, G, 1), (6, G, 1, 1))
+    moments = jax.vmap(lambda m: m.moments(MODEL.state_space))(mixture)
+    np.testing.assert_allclose(moments.mean, post.mean, rtol=1e-12)
+    np.testing.assert_allclose(moments.cov, post.cov, rtol=1e-12)
+    grid = np.linspace(-8, 8, 2001)
+    densities = jax.vmap(lambda m: jnp.exp(m.log_density(grid[:, None])))(mixture)
+    np.testing.assert_allclose(np.trapezoid(densities, grid), 1, atol=1e-6)
+    table = post.to_xarray()
+    assert dict(table["mixture.mean"].sizes) == {"time": 6, "component": G, "state": 1}
+    np.testing.assert_array_equal(table["mixture.cov"], mixture.cov)
 
 
 TWO = dist.MixtureSameFamily(
@@ -93,3 +73,11 @@ def test_saved_and_loaded_goes_on_as_before(tmp_path):
     sp.save(tmp_path / "state.npz", state)
     resumed = sp.load(tmp_path / "state.npz", like=live.init(key=2))
     np.testing.assert_array_equal(live.update(resumed, [0.5])[0].mean, live.update(state, [0.5])[0].mean)
+
+
+def test_a_batch_keeps_mixtures():
+    series = [np.asarray(Y[:3]), np.asarray(Y)]
+    how = {"method": sp.gmsppf(50, 2), "key": 0, "keep": ("mixture", "ess", "log_likelihood")}
+    assert [post.mixture.mean.shape for post in sp.batch(MODEL, series, **how)] == [(3, 2, 1), (6, 2, 1)]
+    together = sp.batch(MODEL, np.stack([Y, Y]), **how)
+    assert (together.mixture.cov.shape, together.ess.shape) == ((2, 6, 2, 1, 1), (2, 6))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from sigmapoint.particles.expectation_maximization import about, fitted
-from sigmapoint.particles.mixture import Mixture
+from sigmapoint.particles.gaussian_sum.expectation_maximization import about, fitted
+from sigmapoint.particles.gaussian_sum.mixture import Mixture
 from sigmapoint.spaces import Euclidean, angles
 
 SPACE = Euclidean()
@@ -71,7 +71,7 @@ def test_expectation_maximisation_finds_the_mixture():
     found = fitted(points, jnp.full(N, -np.log(N)), start, 100, SPACE)
     np.testing.assert_allclose(np.exp(found.log_weights), [0.5, 0.3, 0.2], atol=0.02)
     np.testing.assert_allclose(found.mean, MIXTURE.mean, atol=0.1)
-    np.testing.assert_allclose(found.covs, COVS, atol=0.1)
+    np.testing.assert_allclose(found.cov, COVS, atol=0.1)
     np.testing.assert_allclose(found.moments(SPACE).mean, points.mean(0), atol=1e-3)
 
 
@@ -85,7 +85,7 @@ def test_a_weight_is_as_good_as_copies():
     # The prior is as strong as one point, and weighted points count for fewer, 180 against 300: that much of it more.
     prior = (1 / 180 - 1 / 300) * float(jnp.cov(points.T).max())
     np.testing.assert_allclose(one.mean, two.mean, atol=prior)
-    np.testing.assert_allclose(one.covs, two.covs, atol=prior / 0.2)  # of a component's weight
+    np.testing.assert_allclose(one.cov, two.cov, atol=prior / 0.2)  # of a component's weight
 
 
 def test_one_point_with_all_the_weight_leaves_finite_components():

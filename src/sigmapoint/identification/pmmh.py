@@ -14,9 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from sigmapoint import checks
-from sigmapoint.filtering import fitting
-from sigmapoint.identification.likelihood import posterior_of
-from sigmapoint.identification.posterior_samples import AGREE, PosteriorSamples
+from sigmapoint.identification.posterior_samples import AGREE, PosteriorSamples, to_sample
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.particles.method import bootstrap
 from sigmapoint.recipe import Recipe
@@ -82,16 +80,11 @@ def pmmh(
         >>> found.samples["a"].shape, bool(found.estimates.low["a"] < 0.8 < found.estimates.high["a"])
         ((4, 400), True)
     """
-    checks.extra("blackjax", "pmmh", "mcmc")
+    posterior = to_sample("pmmh", build, theta, y, u, bootstrap(1000) if method is None else method)
     from sigmapoint.identification.chains import FEWEST, diagnosed, sampled
 
-    checks.untransformed("pmmh", "sp.log_posterior", theta, y, u)
     key, chains = checks.key("key", key), checks.whole("chains", chains, 1)
     warmup, samples = checks.whole("warmup", warmup, 0), checks.whole("samples", samples, FEWEST)
-    recipe: Any = bootstrap(1000) if method is None else method
-    posterior = posterior_of(build, theta, y, u, recipe, fitting)
-    if not posterior.measured:
-        raise ValueError("y has no measurements: every element is NaN")
     (z, log_likelihood, accepted), variance = sampled(posterior, key, chains, warmup, samples)
     found = PosteriorSamples(
         posterior, jnp.asarray(z), jnp.asarray(log_likelihood), float(accepted.mean()), *diagnosed(z), float("nan")

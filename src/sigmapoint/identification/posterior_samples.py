@@ -1,6 +1,7 @@
 """Samples of a posterior over parameters, in their own units, and whether they can be trusted."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -9,17 +10,37 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from sigmapoint import checks
 from sigmapoint.contents import Card, Contents
+from sigmapoint.filtering import fitting
 from sigmapoint.identification.contents import at_one_time
 from sigmapoint.identification.estimates import BAR, Estimates
-from sigmapoint.identification.likelihood import LogPosterior
+from sigmapoint.identification.likelihood import LogPosterior, posterior_of
 from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.printing import aligned
+from sigmapoint.recipe import Recipe
 from sigmapoint.verdicts import Verdict
 
 AGREE = 1.1
 """R̂ up to which chains agree."""
+
+
+def to_sample(
+    what: str, build: Callable[[Any], StateSpaceModel], theta: Any, y: Any, u: Any, method: Recipe
+) -> LogPosterior:
+    """What `pmmh` and `smc2` sample, with what they need.
+
+    Raises:
+        ImportError: blackjax is not installed.
+        ValueError: as `log_posterior`; nothing measured; under a transformation of JAX.
+    """
+    checks.extra("blackjax", what, "mcmc")
+    checks.untransformed(what, "sp.log_posterior", theta, y, u)
+    posterior = posterior_of(build, theta, y, u, method, fitting)
+    if not posterior.measured:
+        raise ValueError("y has no measurements: every element is NaN")
+    return posterior
 
 
 class PosteriorSamples(eqx.Module):
@@ -96,10 +117,12 @@ class PosteriorSamples(eqx.Module):
 
     def __str__(self) -> str:
         found = self._estimates(self.posterior.unknowns.flat)
-        rows = [("", "median", "std", "95 % interval", "ess", "R̂")]
+        compared = not np.isnan(self.r_hat).all()
+        rows = [("", "median", "std", "95 % interval", "ess", *(("R̂",) if compared else ()))]
         for i, name in enumerate(self.names):
             value, spread, low, high = (f"{float(a[i]):.4g}" for a in (found.value, found.std, found.low, found.high))
-            rows.append((name, value, spread, f"{low} … {high}", f"{self.ess[i]:.0f}", f"{self.r_hat[i]:.3f}"))
+            agree = (f"{self.r_hat[i]:.3f}",) if compared else ()
+            rows.append((name, value, spread, f"{low} … {high}", f"{self.ess[i]:.0f}", *agree))
         evidence = "" if np.isnan(self.log_evidence) else f", log-evidence {self.log_evidence:.6g}"
         C, M, _ = self.z.shape
         return "\n".join([*aligned(rows), f"{C} × {M} samples, {self.acceptance_rate:.0%} accepted{evidence}"])

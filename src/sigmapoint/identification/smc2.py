@@ -15,9 +15,8 @@ from jaxtyping import Array
 
 from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.filtering import fitting
-from sigmapoint.identification.likelihood import LogPosterior, posterior_of
-from sigmapoint.identification.posterior_samples import PosteriorSamples
+from sigmapoint.identification.likelihood import LogPosterior
+from sigmapoint.identification.posterior_samples import PosteriorSamples, to_sample
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.particles.method import bootstrap
 from sigmapoint.recipe import Recipe
@@ -77,14 +76,9 @@ def smc2(
         >>> found.samples["a"].shape, bool(found.estimates.low["a"] < 0.8 < found.estimates.high["a"])
         ((1, 100), True)
     """
-    checks.extra("blackjax", "smc2", "mcmc")
-    checks.untransformed("smc2", "sp.log_posterior", theta, y, u)
+    posterior = to_sample("smc2", build, theta, y, u, bootstrap(500) if method is None else method)
     key, samples = checks.key("key", key), checks.whole("samples", samples, 2)
     steps = checks.whole("steps", steps, 1)
-    recipe: Any = bootstrap(500) if method is None else method
-    posterior = posterior_of(build, theta, y, u, recipe, fitting)
-    if not posterior.measured:
-        raise ValueError("y has no measurements: every element is NaN")
     found = _followed(posterior, key, samples, steps)
     if found.acceptance_rate < STUCK:
         warnings.warn(

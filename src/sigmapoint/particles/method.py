@@ -11,11 +11,11 @@ from sigmapoint import checks
 from sigmapoint.devices import mesh
 from sigmapoint.methods import ekf, srukf
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.particles.gaussian import carried
 from sigmapoint.particles.moves import Move
 from sigmapoint.particles.posterior import ParticlePosterior
-from sigmapoint.particles.prior import Prior
-from sigmapoint.particles.proposal import Proposal
+from sigmapoint.particles.proposals.gaussian import carried
+from sigmapoint.particles.proposals.proposal import Proposal
+from sigmapoint.particles.proposals.transition import Prior
 from sigmapoint.particles.resampling import Resampler, Resampling, systematic
 from sigmapoint.particles.sampled import key_of_run
 from sigmapoint.particles.selection import Afterwards, Ahead, Selection
@@ -50,7 +50,7 @@ class ParticleMethod:
 
     def fits(self, model: StateSpaceModel) -> None:
         """Raise where the model has no density that this method needs."""
-        model.observation_noise.dense("observation_noise", "a particle filter", "use a sigma-point filter")
+        model.observation_noise.require_density("observation_noise", "a particle filter", "use a sigma-point filter")
         self.proposal.fits(model)
         if self.move is not None:
             self.move.fits(model)

@@ -18,7 +18,7 @@ from sigmapoint import checks
 from sigmapoint.linalg import cholesky
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.particles.instant import Instant
-from sigmapoint.particles.proposal import Drawn, Proposal, Prospect, dense
+from sigmapoint.particles.proposals.proposal import Drawn, Proposal, Prospect, require_densities
 from sigmapoint.particles.state import ParticleState
 from sigmapoint.particles.weights import moments
 
@@ -56,7 +56,7 @@ class Metropolis:
     steps: int
 
     def fits(self, model: StateSpaceModel) -> None:
-        dense(model, "a move by a kernel", "use sp.moves.independence(), or no move")
+        require_densities(model, "a move by a kernel", "use sp.moves.independence(), or no move")
 
     def __call__(self, key: Array, setting: Setting, drawn: Drawn) -> Drawn:
         at, N = setting.at, drawn.particles.shape[0]
@@ -85,7 +85,7 @@ class Independence:
     steps: int
 
     def fits(self, model: StateSpaceModel) -> None:
-        model.process_noise.added("process_noise", "a move to fresh draws", "use no move")
+        model.process_noise.require_additive("process_noise", "a move to fresh draws", "use no move")
 
     def __call__(self, key: Array, setting: Setting, drawn: Drawn) -> Drawn:
         afresh = setting.proposal.afresh()

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sigmapoint.checks import known
+from sigmapoint.particles.gaussian_sum.mixture import Mixture
 from sigmapoint.results import FIELDS, Posterior
 
 
@@ -38,7 +39,7 @@ class ParticlePosterior(Posterior):
     ancestors: Int[Array, "*B T N"] | None = None
 
     @classmethod
-    def of(cls, model: Any, y: Array, u: Any, kept: dict[str, Array]) -> Any:
+    def of(cls, model: Any, y: Array, u: Any, kept: dict[str, Any]) -> Any:
         """From what a run kept; a warning where the particles were lost."""
         ess = kept.get("ess")
         if ess is not None and known(ess) and not np.all(lost := np.asarray(ess) != 0):
@@ -57,13 +58,20 @@ class ParticlePosterior(Posterior):
 class GaussianSumPosterior(ParticlePosterior):
     """Moments of mixtures of Gaussians over a series, and the weighted particles that these were found in.
 
-    The mixtures themselves are in the states of a live filter, `state.mixture`.
-
     Attributes:
+        mixture: the beliefs themselves, if kept: `log_weights` (T, G), `mean` (T, G, d) and `factor` (T, G, n, n) of
+            their components.
         mean, cov, std: of the mixtures.
         ess, particles, log_weights: as of a `ParticlePosterior`; particles have no ancestors.
         log_likelihood: natural logarithm of an estimate of the density of all measurements (), consistent, but not
             unbiased, as the mixtures are found in samples.
     """
 
-    FIELDS: ClassVar[tuple[str, ...]] = (*FIELDS, "particles", "log_weights")
+    FIELDS: ClassVar[tuple[str, ...]] = (*FIELDS, "particles", "log_weights", "mixture")
+    AXES: ClassVar[dict[str, tuple[str, ...]]] = ParticlePosterior.AXES | {
+        "mixture.log_weights": ("time", "component"),
+        "mixture.mean": ("time", "component", "state"),
+        "mixture.cov": ("time", "component", "state", "state2"),
+    }
+
+    mixture: Mixture | None = None

@@ -18,11 +18,10 @@ from sigmapoint.conditioning import Joint, condition
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.native import applied
 from sigmapoint.particles.instant import Instant
-from sigmapoint.particles.mixture import together
 from sigmapoint.particles.normals import normals
 from sigmapoint.particles.sampled import Draws, Sampled
 from sigmapoint.particles.state import ParticleInfo, Surprise
-from sigmapoint.particles.weights import Cloud, even, weighed
+from sigmapoint.particles.weights import Cloud, even, together, weighed
 from sigmapoint.rules.linearization import Linearization
 from sigmapoint.series import of_each
 from sigmapoint.step import Filter, FilterState

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 from jaxtyping import Array
 
 from sigmapoint import checks
-from sigmapoint.methods import srukf
+from sigmapoint.methods import gaussian_filter, srukf
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.particles.posterior import ParticlePosterior
 from sigmapoint.particles.rao_blackwell import RaoBlackwellisedFilter, RaoBlackwellisedState
@@ -40,7 +40,9 @@ class RaoBlackwellisedMethod:
         """Raise where the model has no such elements, or what no Gaussian filter takes as it is."""
         self.method.fits(model)
         by = "a Rao-Blackwellised filter, which draws from Gaussians"
-        model.process_noise.added("process_noise", by, "use sp.bootstrap(particles), which draws through the dynamics")
+        model.process_noise.require_additive(
+            "process_noise", by, "use sp.bootstrap(particles), which draws through the dynamics"
+        )
         for name in ("process_noise", "observation_noise", "initial"):
             if getattr(model, name).distribution is not None:
                 raise ValueError(
@@ -111,7 +113,6 @@ def rao_blackwellised(
     sampled = (sampled,) if isinstance(sampled, int | str) else tuple(sampled)
     if not sampled or not all(isinstance(s, int | str) and not isinstance(s, bool) for s in sampled):
         raise ValueError(f"sampled must be places or names of elements of the state, got {sampled!r}")
-    method = srukf() if method is None else method
-    checks.instance("method", method, Method, "a sp.Method, a Gaussian filter such as sp.srukf()")
+    method = gaussian_filter("method", method, srukf())
     checks.function("resampling", resampling, "(key, log_weights)")
     return RaoBlackwellisedMethod(particles, sampled, method, Resampler(resampling, threshold))

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint.particles.instant import Instant
-from sigmapoint.particles.proposal import Prospect
+from sigmapoint.particles.proposals.proposal import Prospect
 from sigmapoint.particles.resampling import Resampler
 from sigmapoint.particles.state import ParticleState
 from sigmapoint.particles.weights import weighed

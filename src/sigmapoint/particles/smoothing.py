@@ -105,7 +105,7 @@ class BackwardSimulation(Smoother):
     kind: ClassVar[Any] = ParticleMethod
 
     def fits(self, model: StateSpaceModel) -> None:
-        _dense(model)
+        _require_density(model)
 
     def __call__(
         self, run: ParticleFilter, y: Array, u: Any, keep: tuple[str, ...], real: Array | None = None
@@ -119,9 +119,9 @@ class BackwardSimulation(Smoother):
         return {**Particles(paths, alike, own).fields(keep, run.model.state_space), **kept}
 
 
-def _dense(model: StateSpaceModel) -> None:
+def _require_density(model: StateSpaceModel) -> None:
     instead = "use sp.fixed_lag(lag), which looks up ancestors"
-    model.process_noise.dense("process_noise", "backward simulation", instead)
+    model.process_noise.require_density("process_noise", "backward simulation", instead)
 
 
 def backward_simulation(draws: int = 100) -> BackwardSimulation:
@@ -171,7 +171,7 @@ def _(
 def _(
     method: ParticleMethod, model: StateSpaceModel, y: Array, u: Any, key: Array, draws: int
 ) -> Float[Array, "draws T d"]:
-    _dense(model)
+    _require_density(model)
     return _trajectories(method, model, y, u, key, draws)
 
 

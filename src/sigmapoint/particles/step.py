@@ -14,7 +14,7 @@ from sigmapoint.model import StateSpaceModel
 from sigmapoint.particles.instant import Instant
 from sigmapoint.particles.moves import Setting
 from sigmapoint.particles.normals import normals
-from sigmapoint.particles.proposal import Drawn, Prospect
+from sigmapoint.particles.proposals.proposal import Drawn, Prospect
 from sigmapoint.particles.sampled import Draws
 from sigmapoint.particles.state import Origin, ParticleInfo, ParticleState, Surprise
 from sigmapoint.particles.weights import even, moments, weighed

@@ -73,3 +73,12 @@ def moments(points: Float[Array, "N d"], log_weights: Float[Array, " N"], space:
     spread = off - shift[None]
     cov = symmetric(jnp.dot((weights[:, None] * spread).T, spread, precision=EXACT))
     return Cloud(space.retract(near, shift), cov, jnp.sqrt(jnp.diagonal(cov)))
+
+
+def together(
+    log_weights: Float[Array, " G"], means: Float[Array, "G d"], covs: Float[Array, "G n n"], space: Space
+) -> Cloud:
+    """Moments of weighted Gaussians: Σ w (C + (m − m̄)(m − m̄)ᵀ)."""
+    between = moments(means, log_weights, space)
+    cov = symmetric(between.cov + jnp.einsum("g,gij->ij", jnp.exp(log_weights), covs))
+    return Cloud(between.mean, cov, jnp.sqrt(jnp.diagonal(cov)))

@@ -128,6 +128,6 @@ def smooth(
     """
     y, u, recipe = prepared(model, y, u, method)
     smoother = looking_back(smoother, recipe, model)
-    keep = checks.selection("keep", keep, recipe.posterior.FIELDS)
+    keep = recipe.posterior.selected(keep)
     kept = unwrapped(estimate, model, y, u, recipe, recipe.random(key), smoother, keep)
     return recipe.posterior.of(model, y, u, kept)

@@ -1,39 +1,53 @@
 """A mixture of Gaussians as a belief: its density, draws of it, its moments, and fewer components in place of many."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sigmapoint.belief import symmetric
 from sigmapoint.densities import LOG_2PI
 from sigmapoint.linalg import cholesky, one_where_zero, solve_lower
 from sigmapoint.particles.normals import normals
-from sigmapoint.particles.weights import Cloud, moments
-from sigmapoint.spaces import Space
+from sigmapoint.particles.weights import Cloud, together
+from sigmapoint.spaces import Euclidean, Space
+
+VECTORS = Euclidean()
 
 
 class Mixture(NamedTuple):
-    """G components, each with a mean, a lower factor of its covariance, and the logarithm of its weight."""
+    """G components, each with a mean, a lower factor of its covariance, and the logarithm of its weight.
 
-    log_weights: Float[Array, " G"]
-    mean: Float[Array, "G d"]
-    factor: Float[Array, "G n n"]
+    Of a whole series, each has the instant as a further leading axis.
+
+    Examples:
+        >>> import jax, jax.numpy as jnp, sigmapoint as sp
+        >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x**2, 0.1 * jnp.eye(1), 0.1 * jnp.eye(1),
+        ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
+        >>> post = sp.filter(model, jnp.full((3, 1), 4.0), method=sp.gspf(2000, 4), key=0, keep=("mixture",))
+        >>> last = jax.tree.map(lambda a: a[-1], post.mixture)
+        >>> density = jnp.exp(last.log_density(jnp.array([[-2.0], [0.0], [2.0]])))
+        >>> bool(density[0] > 0.1), bool(density[1] < 0.1), bool(density[2] > 0.1)  # at −2 or at 2
+        (True, True, True)
+    """
+
+    log_weights: Float[Array, "*T G"]
+    mean: Float[Array, "*T G d"]
+    factor: Float[Array, "*T G n n"]
 
     @property
     def size(self) -> int:
         """Number of components."""
-        return self.log_weights.shape[0]
+        return self.log_weights.shape[-1]
 
     @property
-    def covs(self) -> Float[Array, "G n n"]:
-        """Covariance of each component."""
-        return self.factor @ jnp.swapaxes(self.factor, 1, 2)
+    def cov(self) -> Float[Array, "*T G n n"]:
+        """Covariance of each component, in products of the units of the state."""
+        return self.factor @ jnp.matrix_transpose(self.factor)
 
     def moments(self, space: Space) -> Cloud:
         """Mean, covariance and standard deviations of the whole: what is within components and between their means."""
-        return together(self.log_weights, self.mean, self.covs, space)
+        return together(self.log_weights, self.mean, self.cov, space)
 
     def draws(self, key: Array, of: Int[Array, " N"], space: Space) -> Float[Array, "N d"]:
         """One draw of each of the components named in `of`."""
@@ -51,9 +65,10 @@ class Mixture(NamedTuple):
 
         return jax.vmap(one)(self.mean, self.factor)
 
-    def log_density(self, points: Float[Array, "N d"], space: Space) -> Float[Array, " N"]:
-        """Logarithm of the density of the whole."""
-        return jax.nn.logsumexp(self.log_weights[:, None] + self.log_densities(points, space), axis=0)
+    def log_density(self, points: Any, space: Space = VECTORS) -> Float[Array, " N"]:
+        """Logarithm of the density of the whole at points (N, d) of the state; `space` where that has angles."""
+        each = self.log_densities(jnp.asarray(points, self.mean.dtype), space)
+        return jax.nn.logsumexp(self.log_weights[:, None] + each, axis=0)
 
     def reduced(self, size: int, space: Space) -> "Mixture":
         """At most `size` components: pair by pair, those are merged whose merger loses least (Runnalls 2007).
@@ -84,7 +99,7 @@ def _merger(mixture: Mixture, i: Array, j: Array, space: Space) -> tuple[Array, 
     two: Mixture = jax.tree.map(lambda a: a[pair], mixture)
     total = jax.nn.logsumexp(two.log_weights)
     share = jnp.where(total > -jnp.inf, two.log_weights - total, -jnp.log(2.0))
-    whole = together(share, two.mean, two.covs, space)
+    whole = together(share, two.mean, two.cov, space)
     one = Mixture(total, whole.mean, cholesky(whole.cov))
     loss = jnp.exp(total) * _log_det(one.factor) - jnp.exp(two.log_weights) @ jax.vmap(_log_det)(two.factor)
     return loss, one
@@ -93,12 +108,3 @@ def _merger(mixture: Mixture, i: Array, j: Array, space: Space) -> tuple[Array, 
 def _log_det(factor: Float[Array, "n n"]) -> Float[Array, ""]:
     """Half the logarithm of the determinant of a covariance, of the directions that have a variance."""
     return jnp.sum(jnp.log(one_where_zero(jnp.diagonal(factor))))
-
-
-def together(
-    log_weights: Float[Array, " G"], means: Float[Array, "G d"], covs: Float[Array, "G n n"], space: Space
-) -> Cloud:
-    """Moments of weighted Gaussians: Σ w (C + (m − m̄)(m − m̄)ᵀ)."""
-    between = moments(means, log_weights, space)
-    cov = symmetric(between.cov + jnp.einsum("g,gij->ij", jnp.exp(log_weights), covs))
-    return Cloud(between.mean, cov, jnp.sqrt(jnp.diagonal(cov)))

@@ -16,8 +16,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sigmapoint.linalg import cholesky
-from sigmapoint.particles.expectation_maximization import fitted
-from sigmapoint.particles.mixture import Mixture
+from sigmapoint.particles.gaussian_sum.expectation_maximization import fitted
+from sigmapoint.particles.gaussian_sum.mixture import Mixture
 from sigmapoint.particles.resampling import systematic
 from sigmapoint.particles.weights import effective, moments, weighed
 from sigmapoint.spaces import Space

@@ -13,16 +13,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sigmapoint.densities import components
+from sigmapoint.distributions import components
 from sigmapoint.linalg import cholesky, solve_lower
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.particles.expectation_maximization import about, fitted
+from sigmapoint.particles.gaussian_sum.expectation_maximization import about, fitted
+from sigmapoint.particles.gaussian_sum.mixture import Mixture
 from sigmapoint.particles.instant import Instant
-from sigmapoint.particles.mixture import Mixture, together
 from sigmapoint.particles.normals import normals
 from sigmapoint.particles.sampled import Draws, Sampled
 from sigmapoint.particles.state import ParticleInfo, Surprise
-from sigmapoint.particles.weights import Cloud, even, weighed
+from sigmapoint.particles.weights import Cloud, even, together, weighed
 from sigmapoint.series import of_each
 from sigmapoint.step import Filter
 from sigmapoint.system import initial
@@ -190,15 +190,19 @@ def _with_covariance(steps: Float[Array, "N n"], cov: Float[Array, "n n"]) -> Fl
     return (cholesky(cov) @ white).T
 
 
-def _parts(model: StateSpaceModel, method: Any, name: str) -> tuple[Part, ...]:
-    """A filter for each component of a noise; one for all of it where it is no mixture."""
-    noise = getattr(model, name)
+def components_of(noise: Any) -> list[tuple[Any, Any]]:
+    """Weight and noise of each component of a mixture; one and all of any other noise."""
     found = None if noise.distribution is None else components(noise.distribution)
     if found is None:
-        return (Part(jnp.zeros((), model.initial.mean.dtype), Filter.of(model, method)),)
-    weights, each = found
+        return [(1.0, noise)]
+    return [(weight, type(noise)(part.cov, part.mean)) for weight, part in zip(*found)]
 
-    def with_noise(cov: Array, mean: Array) -> Filter:
-        return Filter.of(eqx.tree_at(lambda m: getattr(m, name), model, type(noise)(cov, mean)), method)
 
-    return tuple(Part(jnp.log(w), with_noise(part.cov, part.mean)) for w, part in zip(weights, each))
+def _parts(model: StateSpaceModel, method: Any, name: str) -> tuple[Part, ...]:
+    """A filter for each component of a noise."""
+
+    def part(weight: Any, noise: Any) -> Part:
+        one = eqx.tree_at(lambda m: getattr(m, name), model, noise)
+        return Part(jnp.log(jnp.asarray(weight, model.initial.mean.dtype)), Filter.of(one, method))
+
+    return tuple(part(*each) for each in components_of(getattr(model, name)))

@@ -13,16 +13,16 @@ from sigmapoint.entering import NoiseSeries
 from sigmapoint.methods import srukf
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive
-from sigmapoint.particles.gaussian import GaussianProposal, Guided
 from sigmapoint.particles.instant import Instant
-from sigmapoint.particles.proposal import (
+from sigmapoint.particles.proposals.gaussian import GaussianProposal, Guided
+from sigmapoint.particles.proposals.proposal import (
     Covariance,
     Drawn,
     Proposal,
     Prospect,
     as_they_are,
     covariance,
-    dense,
+    require_densities,
     where_usable,
     with_covariance,
 )
@@ -68,7 +68,7 @@ class GaussianPrior(Prior):
     process_noise: Covariance
 
     def fits(self, model: StateSpaceModel) -> None:
-        dense(model, "a proposal with a noise of its own")
+        require_densities(model, "a proposal with a noise of its own")
         self._noise(model)
 
     def draw(self, at: Instant, key: Array, state: ParticleState, prospect: Prospect) -> Drawn:
@@ -100,7 +100,9 @@ class FreshPrior:
     outlook: GaussianProposal = GaussianProposal(srukf(), Guided())  # noqa: RUF009 (frozen)
 
     def fits(self, model: StateSpaceModel) -> None:
-        model.process_noise.added("process_noise", "sp.auxiliary(sp.bootstrap(...))", "use sp.bootstrap(...) as it is")
+        model.process_noise.require_additive(
+            "process_noise", "sp.auxiliary(sp.bootstrap(...))", "use sp.bootstrap(...) as it is"
+        )
         self.prior.fits(model)
         self.outlook.method.fits(model)
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint.linalg import cholesky
-from sigmapoint.particles.mixture import Mixture
+from sigmapoint.particles.gaussian_sum.mixture import Mixture
 from sigmapoint.particles.weights import EXACT, effective
 from sigmapoint.spaces import Space
 

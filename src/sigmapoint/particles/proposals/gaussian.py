@@ -2,7 +2,7 @@
 
 Source: Wan & van der Merwe (2001), equations 7.110 to 7.119, after de Freitas et al. (2000) and van der Merwe et al.
 (2000). Every particle is the mean of a Gaussian, predicted and updated with the new measurement; the particle is drawn
-from the outcome. Two kinds of spread are known of a particle before its step:
+from the outcome. How wide a particle is before its step:
 
 * `carried`, as in the papers: the covariance its filter was left with, as if the particle were an estimate.
 * `guided`: none, as the particle is a hypothesis, taken at its word. The outcome is p(x[k] | x[k−1], y[k]), the locally
@@ -17,18 +17,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint import checks
 from sigmapoint.belief import Belief
 from sigmapoint.densities import LOG_2PI
+from sigmapoint.methods import gaussian_filter
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.particles.instant import Instant
 from sigmapoint.particles.normals import normals
-from sigmapoint.particles.proposal import (
+from sigmapoint.particles.proposals.proposal import (
     Covariance,
     Drawn,
     Prospect,
     covariance,
-    dense,
+    require_densities,
     where_usable,
     with_covariance,
 )
@@ -39,7 +39,7 @@ from sigmapoint.step import Filter, FilterState, Method
 
 
 @runtime_checkable
-class Spread(Protocol):
+class Width(Protocol):
     """How wide a particle is before its step."""
 
     def before(self, particle: Float[Array, " d"], belief: Belief, /) -> Belief: ...
@@ -66,12 +66,12 @@ class GaussianProposal:
     """The posterior of a Gaussian filter for each particle; made by `carried` and `guided`."""
 
     method: Method
-    spread: Spread
+    width: Width
     process_noise: Covariance | None = None
     observation_noise: Covariance | None = None
 
     def fits(self, model: StateSpaceModel) -> None:
-        dense(model, "a proposal that looks at the measurement")
+        require_densities(model, "a proposal that looks at the measurement")
         self.method.fits(self._own(model))
 
     def ready(self, model: StateSpaceModel) -> Filter:
@@ -83,7 +83,7 @@ class GaussianProposal:
 
     def ahead(self, tools: Filter, state: ParticleState, u: Any) -> FilterState:
         def one(particle: Array, before: FilterState) -> FilterState:
-            return tools.predict(tools.about(self.spread.before(particle, before.belief), before.step), u)
+            return tools.predict(tools.about(self.width.before(particle, before.belief), before.step), u)
 
         return of_each(one, state.particles, state.origin.proposal)
 
@@ -156,7 +156,7 @@ def carried(method: Method, *, process_noise: Any = None, observation_noise: Any
         >>> sp.particle_filter(200, proposal=wide).particles
         200
     """
-    checks.instance("method", method, Method, "a sp.Method, a Gaussian filter such as sp.srukf()")
+    method = gaussian_filter("method", method)
     noises = _covariance("process_noise", process_noise), _covariance("observation_noise", observation_noise)
     return GaussianProposal(method, Carried(), *noises)
 
@@ -176,7 +176,7 @@ def guided(method: Method, *, process_noise: Any = None, observation_noise: Any 
 
     Examples:
         >>> import sigmapoint as sp
-        >>> sp.particle_filter(200, proposal=sp.proposals.guided(sp.ekf())).proposal.spread
+        >>> sp.particle_filter(200, proposal=sp.proposals.guided(sp.ekf())).proposal.width
         Guided()
     """
     return GaussianProposal(

@@ -91,10 +91,10 @@ def with_covariance(name: str, noise: Any, cov: Covariance) -> Additive:
     return Additive(own.cov, finite_part(noise.mean, 0.0))
 
 
-def dense(model: StateSpaceModel, by: str, instead: str = INSTEAD) -> None:
+def require_densities(model: StateSpaceModel, by: str, instead: str = INSTEAD) -> None:
     """Raise where what the particles come from has no density."""
     for name, noise in (("process_noise", model.process_noise), ("initial", Additive(model.initial))):
-        noise.dense(name, by, instead)
+        noise.require_density(name, by, instead)
 
 
 def as_they_are(at: Instant, state: ParticleState) -> Drawn:

@@ -6,13 +6,12 @@ from typing import Any, ClassVar
 from jaxtyping import Array
 
 from sigmapoint import checks
-from sigmapoint.densities import components
-from sigmapoint.methods import srukf
+from sigmapoint.methods import gaussian_filter, srukf
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive
-from sigmapoint.particles.gaussian_sum import GaussianSumFilter, GaussianSumState
+from sigmapoint.particles.gaussian_sum.filter import GaussianSumFilter, GaussianSumState, components_of
+from sigmapoint.particles.gaussian_sum.recovery import ByComponent, ByExpectationMaximization, Recovery
 from sigmapoint.particles.posterior import GaussianSumPosterior
-from sigmapoint.particles.recovery import ByComponent, ByExpectationMaximization, Recovery
 from sigmapoint.particles.sampled import key_of_run
 from sigmapoint.results import Posterior
 from sigmapoint.spaces import same_elements
@@ -42,14 +41,14 @@ class GaussianSumMethod:
     def fits(self, model: StateSpaceModel) -> None:
         """Raise where the model has no density that this method needs."""
         for name, noise in (("observation_noise", model.observation_noise), ("initial", Additive(model.initial))):
-            noise.dense(name, "a Gaussian-sum filter", "use a sigma-point filter")
+            noise.require_density(name, "a Gaussian-sum filter", "use a sigma-point filter")
         if not same_elements(model.state_space):
             raise ValueError(
                 "state_space must be that of vectors or angles for a Gaussian-sum filter, whose densities are compared "
                 f"with each other, got {type(model.state_space).__name__}: use sp.upf(particles)"
             )
         self.method.fits(model)
-        needed = self.components * components_of(model.observation_noise)
+        needed = self.components * len(components_of(model.observation_noise))
         if self.particles < needed:
             raise ValueError(
                 f"particles must be at least {needed}, one for each component and component of observation_noise, got "
@@ -63,12 +62,6 @@ class GaussianSumMethod:
     def ready(self, model: StateSpaceModel, key: Array | None = None) -> GaussianSumFilter:
         """The model made ready."""
         return GaussianSumFilter.of(model, self, key)
-
-
-def components_of(noise: Any) -> int:
-    """Of a mixture; one of any other noise."""
-    found = None if noise.distribution is None else components(noise.distribution)
-    return 1 if found is None else len(found[1])
 
 
 def gspf(particles: int, components: int, *, method: Method | None = None) -> GaussianSumMethod:
@@ -99,7 +92,7 @@ def gspf(particles: int, components: int, *, method: Method | None = None) -> Ga
     """
     components = checks.whole("components", components, 1)
     particles = checks.whole("particles", particles, components)
-    return GaussianSumMethod(components, particles, _gaussian(method), ByComponent())
+    return GaussianSumMethod(components, particles, gaussian_filter("method", method, srukf()), ByComponent())
 
 
 def gmsppf(particles: int, components: int, *, method: Method | None = None, iterations: int = 10) -> GaussianSumMethod:
@@ -132,10 +125,4 @@ def gmsppf(particles: int, components: int, *, method: Method | None = None, ite
     components = checks.whole("components", components, 1)
     particles = checks.whole("particles", particles, components)
     recovery = ByExpectationMaximization(checks.whole("iterations", iterations, 1))
-    return GaussianSumMethod(components, particles, _gaussian(method), recovery)
-
-
-def _gaussian(method: Method | None) -> Method:
-    method = srukf() if method is None else method
-    checks.instance("method", method, Method, "a sp.Method, a Gaussian filter such as sp.srukf()")
-    return method
+    return GaussianSumMethod(components, particles, gaussian_filter("method", method, srukf()), recovery)

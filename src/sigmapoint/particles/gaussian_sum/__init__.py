@@ -1,0 +1,1 @@
+"""Gaussian-sum filters: a mixture of Gaussians as belief."""
