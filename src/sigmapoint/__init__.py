@@ -209,3 +209,8 @@ __all__ = [
     "ukf",
     "upf",
 ]
+
+
+def __dir__() -> list[str]:
+    """What is meant for use; modules are in there, too."""
+    return sorted(__all__)

@@ -141,7 +141,7 @@ def compare(
         truth: true states (T, n), in the units of the state; NaN where not known.
         key: `jax.random.key(seed)`, or the seed, for methods that draw.
         smooth: judge smoothed in place of filtered estimates (innovations are the filter's in both cases), by
-            `sp.rts()`; methods that this is not for say so in their note.
+            the default smoother of each method.
         each: called with the name of each method before it runs, for a progress bar.
 
     Returns:

@@ -136,6 +136,18 @@ def test_one_row_that_was_not_measured(files, tmp_path):
     assert summary["nis"]["per_element"] is None
 
 
+def test_particle_filters_draw_by_the_seed(files, tmp_path):
+    given = files()
+    for seed in (0, 1):
+        out = ("--out", tmp_path / str(seed))
+        invoke("run", *given, "--method", "bootstrap(100)", "--smooth", "--seed", seed, *out)
+    one, two = (json.loads((tmp_path / seed / "summary.json").read_text())["log_likelihood"] for seed in "01")
+    assert one != two
+    options = ("--methods", "ekf,bootstrap(50)", "--out", tmp_path / "both")
+    assert " ess " in invoke("compare", *given, *options).stdout
+    assert "no gradient" not in invoke("bench", *given, *options, "--repetitions", 1).stdout
+
+
 def test_compare_shows_a_method_that_refuses_beside_the_others(files, tmp_path):
     shown = invoke("compare", *files(), "--methods", "ekf, ghkf(6000)", "--out", tmp_path / "out").stdout
     assert "6000**1 points" in shown
@@ -323,6 +335,7 @@ def test_methods_are_parsed_as_written():
     assert parse_method(" ukf(alpha=1e-3, kappa=-0.5) ") == sp.ukf(alpha=1e-3, kappa=-0.5)
     assert parse_method("iterated(srukf(),3)") == sp.iterated(sp.srukf(), 3)
     assert parse_method("augmented(ukf)") == sp.augmented(sp.ukf())
+    assert parse_method("auxiliary(bootstrap(10))") == sp.auxiliary(sp.bootstrap(10))
     assert list(parse_methods("ekf, iterated(ukf(1.0, 2.0), 2)")) == ["ekf", "iterated(ukf(1.0, 2.0), 2)"]
 
 
@@ -338,6 +351,10 @@ def test_methods_are_parsed_as_written():
         ("ukf(**{})", "** is not allowed"),
         ("ukf(*[1])", "is not a number"),
         ("ukf(alfa=1)", "its arguments are (alpha=1, beta=2, kappa=0)"),
+        ("bootstrap", "its arguments are (particles)"),
+        ("bootstrap(0)", "particles must be a whole number of at least 1"),
+        ("auxiliary(ukf)", "the first argument must be a method, like auxiliary(upf(200))"),
+        ("iterated(upf(10))", "the first argument must be a method, like iterated(srukf())"),
         ("iterated()", "its arguments are (method, iterations=3)"),
         ("iterated(3)", "only method names"),
         ("iterated(iterations=3, method=4)", "the first argument must be a method"),

@@ -41,14 +41,26 @@ REFUSED = {
     "no particles": (lambda: sp.bootstrap(0), "particles must be a whole number of at least 1"),
     "threshold": (lambda: sp.particle_filter(10, threshold=1.5), "threshold must be greater than 0"),
     "proposal": (lambda: sp.particle_filter(10, proposal=sp.ukf()), r"proposal must be sp.proposals.prior\(\)"),
-    "move without parentheses": (lambda: sp.particle_filter(10, move=sp.moves.random_walk), "move must be sp.moves"),
+    "move without parentheses": (
+        lambda: sp.particle_filter(10, move=sp.moves.random_walk),
+        r"move must be sp.moves.*; call it: move=sp.moves.random_walk\(\)",
+    ),
+    "proposal without a method": (
+        lambda: sp.particle_filter(10, proposal=sp.proposals.guided),
+        r"call it: proposal=sp.proposals.guided\(method\)",
+    ),
+    "a function of one's own": (lambda: sp.particle_filter(10, proposal=lambda x: x), r"got function$"),
+    "compare without a key": (
+        lambda: sp.compare(MODEL, Y, methods={"ukf": sp.ukf(), "bootstrap": sp.bootstrap(10)}),
+        "key is missing",
+    ),
     "resampling": (lambda: sp.particle_filter(10, resampling="systematic"), "resampling must be a function"),
     "guided by particles": (lambda: sp.proposals.guided(sp.bootstrap(3)), "method must be a sp.Method"),
     "auxiliary of a Gaussian": (lambda: sp.auxiliary(sp.ukf()), "method must be a particle filter"),
     "scale of a walk": (lambda: sp.moves.random_walk(0), "scale must be positive"),
     "without parentheses": (
         lambda: sp.filter(MODEL, Y, method=sp.bootstrap, key=0),
-        r"method must be .*sp.bootstrap\(\)",
+        r"method must be .*call it: method=sp.bootstrap\(particles\)",
     ),
     "keep particles of a Gaussian": (lambda: sp.filter(MODEL, Y, keep=("particles",)), "keep has unknown name"),
     "v inside": (
@@ -82,8 +94,8 @@ REFUSED = {
         "observation_noise has a singular covariance",
     ),
     "rts of particles": (
-        lambda: sp.smooth(MODEL, Y, method=sp.bootstrap(10), key=0),
-        "smoother is missing: sp.rts.*use sp.backward_sim",
+        lambda: sp.smooth(MODEL, Y, method=sp.bootstrap(10), smoother=sp.rts(), key=0),
+        "smoother must be sp.backward_sim.*for ParticleMethod, got RTS",
     ),
     "backward simulation of a Gaussian": (
         lambda: sp.smooth(MODEL, Y, smoother=sp.backward_simulation()),

@@ -208,6 +208,13 @@ def test_compare_diagnose_and_report_take_particle_filters(tmp_path):
     table = sp.compare(MODEL, y, truth=x, methods={"srcdkf": sp.srcdkf(), "bootstrap": sp.bootstrap(2000)}, key=0)
     rmse = [row["rmse x0"] for row in table.rows]
     assert rmse[1] == pytest.approx(rmse[0], rel=0.05)
+    assert 200 < table.rows[1]["ess"] < 2000
+    assert " ess " in str(table).splitlines()[0]
+    smoothed = sp.compare(
+        MODEL, y, truth=x, methods={"ukf": sp.ukf(), "bootstrap": sp.bootstrap(2000)}, key=0, smooth=True
+    )
+    assert smoothed.rows[1]["rmse x0"] == pytest.approx(smoothed.rows[0]["rmse x0"], rel=0.1)
+    assert smoothed.rows[0]["rmse x0"] < rmse[0]
     assert sp.diagnose(table.posteriors["bootstrap"]).verdicts
     sp.report(table.posteriors, tmp_path / "page.html", truth=x)
     assert "ess" in table.posteriors["bootstrap"].to_frame()

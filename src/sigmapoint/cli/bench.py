@@ -17,9 +17,11 @@ from sigmapoint.cli.doctor import examined
 from sigmapoint.cli.errors import InputError, blaming, folder, guarded
 from sigmapoint.cli.expressions import parse_methods
 from sigmapoint.cli.run import ALL_METHODS, Data, Debug, Float32, Methods, Model, Out
-from sigmapoint.methods import Method
+from sigmapoint.recipe import Recipe
 
 KEEP = ("mean", "std")
+SEED = 0
+"""For methods that draw."""
 LIVE = 1000
 """Rows fed to the live filter, at most."""
 
@@ -66,7 +68,7 @@ def bench(
     output.written(console, paths)
 
 
-def _first(problem: modelfile.Problem, name: str, method: Method) -> tuple[dict[str, Any], Runs]:
+def _first(problem: modelfile.Problem, name: str, method: Recipe) -> tuple[dict[str, Any], Runs]:
     """Everything once: what the first call and the live filter took, and what is to be timed of what worked."""
     row: dict[str, Any] = {"method": name, "note": ""}
     runs = _runs(problem, method)
@@ -102,29 +104,29 @@ def _seconds(run: Callable[[], Any]) -> float:
     return time.perf_counter() - begin
 
 
-def _runs(problem: modelfile.Problem, method: Method) -> Runs:
+def _runs(problem: modelfile.Problem, method: Recipe) -> Runs:
     """What is timed over the whole series, by name."""
     model, y, u = problem.model, problem.y, problem.u
     initial = model.initial
 
     def likelihood(mean: Any) -> Any:
         moved = dataclasses.replace(model, initial=sp.Gaussian(mean, initial.cov))
-        return sp.filter(moved, y, u, method, keep=()).log_likelihood
+        return sp.filter(moved, y, u, method, key=SEED, keep=()).log_likelihood
 
     gradient = jax.jit(jax.grad(likelihood))
     return {
-        "filter": lambda: jax.block_until_ready(sp.filter(model, y, u, method, keep=KEEP)),
-        "smoother": lambda: jax.block_until_ready(sp.smooth(model, y, u, method, keep=KEEP)),
+        "filter": lambda: jax.block_until_ready(sp.filter(model, y, u, method, key=SEED, keep=KEEP)),
+        "smoother": lambda: jax.block_until_ready(sp.smooth(model, y, u, method, key=SEED, keep=KEEP)),
         "gradient": lambda: jax.block_until_ready(gradient(initial.mean)),
     }
 
 
-def _live(problem: modelfile.Problem, method: Method) -> dict[str, float]:
+def _live(problem: modelfile.Problem, method: Recipe) -> dict[str, float]:
     """Median and 99th percentile of a step of the live filter, in microseconds."""
     y, u = np.asarray(problem.y), jax.tree.map(np.asarray, problem.u)
     inputs = [jax.tree.map(lambda a, k=k: a[k], u) for k in range(min(LIVE, len(y)))]
     live = sp.online(problem.model, method)
-    ahead, taken = live.prepare(y[0], inputs[0]), []
+    ahead, taken = live.prepare(y[0], inputs[0], key=SEED), []
     for row, given in zip(y, inputs):
         begin = time.perf_counter()
         ahead = live.step(ahead, row, given)[2]

@@ -10,7 +10,7 @@ from sigmapoint.cli import modelfile, output
 from sigmapoint.cli.data import Clock
 from sigmapoint.cli.errors import InputError, blaming, folder, guarded
 from sigmapoint.cli.expressions import parse_methods
-from sigmapoint.cli.run import ALL_METHODS, Data, Debug, Float32, Methods, Model, Out, Smooth, frame_of
+from sigmapoint.cli.run import ALL_METHODS, Data, Debug, Float32, Methods, Model, Out, Seed, Smooth, frame_of
 from sigmapoint.comparison import Comparison, Row
 from sigmapoint.comparison import compare as compared
 
@@ -29,6 +29,7 @@ def compare(
     data: Data,
     methods: Methods = ALL_METHODS,
     smooth: Smooth = False,
+    seed: Seed = 0,
     out: Out = Path("sigmapoint-compare"),
     float32: Float32 = False,
     debug: Debug = False,
@@ -42,13 +43,15 @@ def compare(
     problem = modelfile.load(model, data)
     begin = time.perf_counter()
     with output.progress(len(chosen)) as each, blaming(model):
-        result = compared(problem.model, problem.y, problem.u, chosen, problem.truth, smooth=smooth, each=each)
+        of_all = problem.model, problem.y, problem.u, chosen, problem.truth
+        result = compared(*of_all, key=seed, smooth=smooth, each=each)
     result = result._replace(posteriors={name: problem.labelled(post) for name, post in result.posteriors.items()})
     if not result.posteriors:
         raise InputError(f"no method could run; {result.rows[0]['method']}: {result.rows[0]['note']}")
     summary = {
         "T": len(problem.y),
         "smoothed": smooth,
+        "seed": seed,
         "rows": result.rows,
         "nis": {name: output.innovations(post) for name, post in result.posteriors.items()},
         "seconds": time.perf_counter() - begin,

@@ -16,11 +16,13 @@ from sigmapoint.cli.data import Clock
 from sigmapoint.cli.errors import folder, guarded
 from sigmapoint.cli.expressions import parse_methods
 from sigmapoint.cli.run import Debug, frame_of
-from sigmapoint.methods import Method
 from sigmapoint.problems.battery_case import WRONG_BY, Case, leaf
 from sigmapoint.problems.battery_evaluation import SETTLED, evaluate
+from sigmapoint.recipe import Recipe
 from sigmapoint.results import Posterior, field
 
+SEED = 0
+"""For methods that draw."""
 METHODS = "ekf,ukf,srukf,cdkf,srcdkf,ckf,ghkf"
 
 NOTES = (
@@ -42,10 +44,10 @@ class Estimated(NamedTuple):
     score: dict[str, Any]
 
 
-def estimate(case: Case, method: Method) -> Estimated:
+def estimate(case: Case, method: Recipe) -> Estimated:
     """Filter the run and judge it from 30 minutes on."""
     begin = time.perf_counter()
-    post = jax.block_until_ready(sp.filter(case.model, case.y, case.u, method))
+    post = jax.block_until_ready(sp.filter(case.model, case.y, case.u, method, key=SEED))
     return Estimated(post, time.perf_counter() - begin, evaluate(post, case.log, case.reference))
 
 

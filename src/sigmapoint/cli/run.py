@@ -25,6 +25,7 @@ Float32 = Annotated[bool, typer.Option("--float32", help="Compute in 32-bit numb
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 ALL_METHODS = ",".join(STANDARD)
 Methods = Annotated[str, typer.Option(help="Methods with commas between, like ekf,srukf,'ukf(alpha=1e-3)'.")]
+Seed = Annotated[int, typer.Option(help="Of the random numbers, for methods that draw.")]
 Smooth = Annotated[bool, typer.Option("--smooth", help="Each state from all measurements, past and future.")]
 
 
@@ -33,9 +34,10 @@ def run(
     model: Model,
     data: Data,
     method: Annotated[
-        str, typer.Option(help="A method, like srukf, 'ukf(alpha=1e-3)', 'iterated(srukf(), 3)'.")
+        str, typer.Option(help="A method, like srukf, 'ukf(alpha=1e-3)', 'iterated(srukf(), 3)', 'bootstrap(1000)'.")
     ] = "srcdkf",
     smooth: Smooth = False,
+    seed: Seed = 0,
     out: Out = Path("sigmapoint-run"),
     float32: Float32 = False,
     debug: Debug = False,
@@ -52,12 +54,12 @@ def run(
     problem = modelfile.load(model, data)
     estimate = sp.smooth if smooth else sp.filter
     with Console(stderr=True).status("compiling and running"), blaming(model):
-        post, seconds = clocked(lambda: estimate(problem.model, problem.y, problem.u, chosen))
+        post, seconds = clocked(lambda: estimate(problem.model, problem.y, problem.u, chosen, key=seed))
     post = problem.labelled(post)
     rows = final_rows(post)
     files = {
         "estimates.parquet": output.parquet_file(frame_of(post, problem.clock)),
-        "summary.json": output.json_file(summary(post, method, smooth, seconds) | {"final": rows}),
+        "summary.json": output.json_file(summary(post, method, smooth, seconds) | {"seed": seed, "final": rows}),
         "report.html": output.page_file(
             post,
             time=problem.clock.shown,

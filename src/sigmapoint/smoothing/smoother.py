@@ -6,6 +6,7 @@ B Bᵀ the covariance of x[k] given x[k+1], P_s = G P_s⁺ Gᵀ + B Bᵀ.
 """
 
 from dataclasses import dataclass
+from functools import singledispatch
 from typing import Any, ClassVar
 
 from jaxtyping import Array
@@ -37,14 +38,18 @@ def looking_back(smoother: Any, method: Recipe, model: StateSpaceModel) -> Smoot
     kind = type(method).__name__
     if not method.smoothers:
         raise ValueError(f"there is no smoother for {kind}: use sp.bootstrap(particles) or a Gaussian filter")
-    if smoother is None and not isinstance(method, RTS.kind):
-        raise ValueError(f"smoother is missing: sp.rts(), the default, is not for {kind}; use {method.smoothers}")
-    smoother = rts() if smoother is None else smoother
+    smoother = default(method) if smoother is None else smoother
     checks.instance("smoother", smoother, Smoother, MAKERS)
     if not isinstance(method, smoother.kind):
         raise ValueError(f"smoother must be {method.smoothers} for {kind}, got {type(smoother).__name__}")
     smoother.fits(model)
     return smoother
+
+
+@singledispatch
+def default(method: Any) -> Smoother:
+    """The smoother where none is given, by the kind of method."""
+    raise NotImplementedError(f"a smoother for {method}")
 
 
 def forward(
@@ -90,6 +95,11 @@ def rts() -> RTS:
     return RTS()
 
 
+@default.register(Method)
+def _(method: Method) -> RTS:
+    return rts()
+
+
 def smooth(
     model: StateSpaceModel,
     y: Any,
@@ -109,7 +119,7 @@ def smooth(
         method: as for `filter`.
         key: as for `filter`.
         smoother: how: `rts()`, which is the default, `two_filter()`, `fixed_lag(lag)` or `ipls()`; for a particle
-            filter `backward_simulation(draws)` or `fixed_lag(lag)`.
+            filter `backward_simulation(100)`, which is the default there, or `fixed_lag(lag)`.
         keep: as for `filter`.
 
     Returns:
