@@ -5,8 +5,6 @@ import sys
 import tomllib
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[1]
 
 
@@ -23,39 +21,36 @@ def test_importing_the_core_imports_no_extra():
 
 WITHOUT = """
 import sys
-sys.modules.update({{"plotly": None, "pandas": None, "optimistix": None, "blackjax": None}})
+sys.modules.update({"plotly": None, "pandas": None, "optimistix": None, "blackjax": None})
 import matplotlib, jax.numpy as jnp, sigmapoint as sp
 matplotlib.use("Agg")
 one = jnp.eye(1)
 model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, one, one, sp.Gaussian(jnp.zeros(1), one))
 post = sp.filter(model, jnp.ones((3, 1)))
-{}
+post.plot()
+for call in (
+    lambda: sp.report(post, "report.html"),
+    lambda: post.to_frame(),
+    lambda: sp.fit(lambda theta: model, 1.0, jnp.ones((3, 1))),
+    lambda: sp.pmmh(lambda theta: model, 1.0, jnp.ones((3, 1)), key=0),
+    lambda: sp.smc2(lambda theta: model, 1.0, jnp.ones((3, 1)), key=0),
+):
+    try:
+        call()
+    except ImportError as error:
+        print(error)
 """
 
 
-@pytest.mark.parametrize(
-    ("call", "said"),
-    [
-        ("sp.report(post, 'report.html')", "ImportError: report needs plotly: pip install sigmapoint[cli]"),
-        ("post.to_frame()", "ImportError: to_frame needs pandas: pip install sigmapoint[cli]"),
-        (
-            "sp.fit(lambda theta: model, 1.0, jnp.ones((3, 1)))",
-            "ImportError: fit needs optimistix: pip install sigmapoint[fit]",
-        ),
-        (
-            "sp.pmmh(lambda theta: model, 1.0, jnp.ones((3, 1)), key=0)",
-            "ImportError: pmmh needs blackjax: pip install sigmapoint[mcmc]",
-        ),
-        (
-            "sp.smc2(lambda theta: model, 1.0, jnp.ones((3, 1)), key=0)",
-            "ImportError: smc2 needs blackjax: pip install sigmapoint[mcmc]",
-        ),
-        ("post.plot()", ""),
-    ],
-)
-def test_what_is_missing_is_named_where_it_is_needed(call, said):
-    done = subprocess.run([sys.executable, "-c", WITHOUT.format(call)], capture_output=True, text=True)
-    assert (done.stderr.splitlines() or [""])[-1] == said
+def test_what_is_missing_is_named_where_it_is_needed():
+    done = subprocess.run([sys.executable, "-c", WITHOUT], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [
+        "report needs plotly: pip install sigmapoint[cli]",
+        "to_frame needs pandas: pip install sigmapoint[cli]",
+        "fit needs optimistix: pip install sigmapoint[fit]",
+        "pmmh needs blackjax: pip install sigmapoint[mcmc]",
+        "smc2 needs blackjax: pip install sigmapoint[mcmc]",
+    ]
 
 
 def test_the_core_asks_for_four_packages():

@@ -51,21 +51,22 @@ def test_singular_matrices_have_the_factor_that_cholesky_gives(n):
     assert (L[:, 1] == 0).all()
 
 
-@pytest.mark.parametrize("spread", [0, 3, 5, 7, 12])
 @pytest.mark.parametrize("n", [4, 8, 13, 70])
-def test_triangular_factors_are_those_of_orthogonal_transformations(n, spread):
+def test_triangular_factors_are_those_of_orthogonal_transformations(n):
     """However ill-conditioned the rows (10 to the power of `spread`), and whatever their units."""
-    r = np.random.default_rng([n, spread])
-    sizes = np.diag(10.0 ** -np.linspace(0, spread, n))
-    A = np.linalg.qr(r.normal(size=(n, n)))[0] @ sizes @ np.linalg.qr(r.normal(size=(2 * n, n)))[0].T
-    units = 10.0 ** r.uniform(-30, 30, size=(n, 1))
-    L = triangularization.tria(jnp.asarray(units * A)) / units
-    assert (jnp.triu(L, 1) == 0).all()
-    assert (jnp.diagonal(L) > 0).all()
-    np.testing.assert_allclose(L @ L.T, A @ A.T, atol=1e-15 * n)
-    direct = np.linalg.qr(A.T, mode="r").T
-    direct *= np.where(np.diag(direct) < 0, -1, 1)
-    np.testing.assert_allclose(L, direct, atol=2e-15 * n * 10**spread)
+    tria = jax.jit(triangularization.tria)
+    for spread in (0, 3, 5, 7, 12):
+        r = np.random.default_rng([n, spread])
+        sizes = np.diag(10.0 ** -np.linspace(0, spread, n))
+        A = np.linalg.qr(r.normal(size=(n, n)))[0] @ sizes @ np.linalg.qr(r.normal(size=(2 * n, n)))[0].T
+        units = 10.0 ** r.uniform(-30, 30, size=(n, 1))
+        L = tria(jnp.asarray(units * A)) / units
+        assert (jnp.triu(L, 1) == 0).all()
+        assert (jnp.diagonal(L) > 0).all()
+        np.testing.assert_allclose(L @ L.T, A @ A.T, atol=1e-15 * n)
+        direct = np.linalg.qr(A.T, mode="r").T
+        direct *= np.where(np.diag(direct) < 0, -1, 1)
+        np.testing.assert_allclose(L, direct, atol=2e-15 * n * 10**spread)
 
 
 @pytest.mark.parametrize("n", [2, 9])

@@ -14,6 +14,8 @@ from sigmapoint.filtering import scan
 from sigmapoint.smoothing.reversal import Reversal
 from sigmapoint.step import Filter
 
+SOME = ("ekf", "sr ekf", "cdkf", "sr ukf", "extended set", "sr augmented")
+"""Methods that differ in what these smoothers see of them; rts is held against all of them in `test_linear`."""
 BACK = {"two_filter": sp.two_filter(), "fixed_lag": sp.fixed_lag(50)}
 
 
@@ -47,7 +49,9 @@ def _series(T: int) -> tuple[jax.Array, jax.Array]:
 
 
 @pytest.mark.parametrize("smoother", BACK)
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "method", [name if name in SOME else pytest.param(name, marks=pytest.mark.slow) for name in METHODS]
+)
 def test_on_a_linear_model_it_is_rauch_tung_striebel(method, smoother):
     n = min(3, LARGEST.get(method, 3))
     model, y, u, _, smoothed = case(n)
