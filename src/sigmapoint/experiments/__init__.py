@@ -43,6 +43,7 @@ def _lazily(module: str) -> Run:
 _ALL = (
     Experiment("scalar", "EKF and sigma-point filters on a scalar model with a cubic sensor", _lazily("scalar")),
     Experiment("transform", "mean and covariance through a nonlinearity: pictures, orders", _lazily("transform")),
+    Experiment("mackey-glass", "a chaotic series through noise, its network known", _lazily("mackey_glass")),
     Experiment("cost", "operations and time of an update against the number of weights", _lazily("cost")),
     Experiment("robot-arm", "a network learns a robot arm: EKF, UKF, square roots", _lazily("robot_arm")),
     Experiment("four-regions", "a network learns four interlocking regions: two costs", _lazily("four_regions")),

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 from jaxtyping import Array
 
 import sigmapoint as sp
@@ -19,7 +18,8 @@ from sigmapoint.experiments import dual_series
 from sigmapoint.experiments.dual_series import Task, noisy, stacked
 from sigmapoint.experiments.dual_series_runs import Series, dual, joint
 from sigmapoint.problems import mackey_glass, network
-from sigmapoint.problems.autoregression import normalized, pairs
+from sigmapoint.problems.autoregression import normalized
+from sigmapoint.problems.noisy_series import learned
 
 SIZES = (6, 10, 1)
 TRAIN, TRAIN_EPOCHS = 1000, 20
@@ -30,17 +30,12 @@ def series(runs: int, samples: int, key: Array) -> Series:
     """One series, with a noise and a start for each run."""
     whole = normalized(mackey_glass.series(TRAIN + samples))
     first, key = jax.random.split(key)
-    x, d = pairs(whole[:TRAIN], SIZES[0])
-    fit = sp.learn(
-        network.network, network.started(SIZES, first), x, d,
-        noise=1e-3, drift=sp.annealed(1e-4, 0.999, 1e-9), prior_std=0.5, epochs=TRAIN_EPOCHS, key=first,
-    )  # fmt: skip
-    left = jnp.mean((jax.vmap(lambda x: network.network(fit.params, x))(x) - d) ** 2)
+    known = learned(SIZES, whole[:TRAIN], TRAIN_EPOCHS, first)
 
     def one(key: Array) -> Series:
         noise, start = jax.random.split(key)
         clean = whole[TRAIN:]
-        return Series(clean, noisy(clean, noise), left, network.started(SIZES, start), fit.params)
+        return Series(clean, noisy(clean, noise), known.left, network.started(SIZES, start), known.weights)
 
     return stacked([one(k) for k in jax.random.split(key, runs)])
 

@@ -21,9 +21,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 import sigmapoint as sp
-from sigmapoint.experiments.dual_series_runs import NOISE, Curve, Epochs, Series, curve, known
+from sigmapoint.experiments.dual_series_runs import Curve, Epochs, Series, curve, known
 from sigmapoint.experiments.learning_figures import COLOURS
 from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish, row_of
+from sigmapoint.problems.noisy_series import NOISE
 
 RUNS, QUICK_RUNS = 10, 2
 QUICK_EPOCHS, QUICK_SAMPLES = 2, 200

@@ -23,10 +23,9 @@ from sigmapoint.identification.unknowns import Unknowns
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.problems import noisy_series
+from sigmapoint.problems.noisy_series import NOISE
 from sigmapoint.step import Filter
 
-NOISE = 10**-0.3
-"""Variance of the measurement noise, at 3 dB, of a series of variance 1."""
 PRIOR_STD = 0.5
 """Of a weight."""
 FIXED = 1e-6

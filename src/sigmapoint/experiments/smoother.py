@@ -28,12 +28,13 @@ from matplotlib.figure import Figure
 import sigmapoint as sp
 from sigmapoint.experiments.learning_figures import COLOURS
 from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish
-from sigmapoint.experiments.smoother_stages import NOISE, B, F, Linearised, S, Samplewise, Whole
+from sigmapoint.experiments.smoother_stages import B, F, Linearised, S, Samplewise, Whole
 from sigmapoint.filtering import scan
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.problems import mackey_glass, network, noisy_series
-from sigmapoint.problems.autoregression import normalized, pairs
+from sigmapoint.problems import mackey_glass, noisy_series
+from sigmapoint.problems.autoregression import normalized
+from sigmapoint.problems.noisy_series import NOISE, Learned, learned
 from sigmapoint.step import Filter
 
 RUNS, QUICK_RUNS = 60, 2
@@ -71,11 +72,10 @@ Errors: TypeAlias = Mapping[str, Mapping[str, Float[np.ndarray, " R"]]]
 
 
 class Networks(NamedTuple):
-    """Weights forward and backward, and the variances of what they leave."""
+    """That of the next sample, and that of the one before."""
 
-    forward: Any
-    backward: Any
-    left: tuple[Array, Array]
+    forward: Learned
+    backward: Learned
 
 
 def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, Any]]:
@@ -98,8 +98,8 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
 def smoothers(nets: Networks, initial: sp.Gaussian) -> dict[str, tuple[Method, Any]]:
     """Each by its name: the papers' three, and more."""
     reverse = sp.Gaussian(initial.mean[::-1], initial.cov[::-1, ::-1])
-    sample = Samplewise(noisy_series.model(nets.backward, nets.left[1], jnp.asarray(NOISE), reverse))
-    whole = Whole(noisy_series.backward(nets.backward, nets.left[1], initial))
+    sample = Samplewise(noisy_series.model(*nets.backward, jnp.asarray(NOISE), reverse))
+    whole = Whole(noisy_series.backward(*nets.backward, initial))
     rts = Whole(sp.rts())
     return {
         "EKS1": (sp.ekf(), Linearised()),
@@ -131,7 +131,7 @@ def measured(task: Task, runs: int, epochs: int, key: Array, only: Sequence[str]
         y = test + NOISE**0.5 * jax.random.normal(jax.random.fold_in(part, 1), test.shape)
         initial = noisy_series.stationary(clean, order)
         assert nets is not None
-        model = noisy_series.model(nets.forward, nets.left[0], jnp.asarray(NOISE), initial)
+        model = noisy_series.model(*nets.forward, jnp.asarray(NOISE), initial)
         chosen = {name: each for name, each in smoothers(nets, initial).items() if only is None or name in only}
         kept.append({name: errors(model, y[:, None], test, *each) for name, each in chosen.items()})
     return {
@@ -142,17 +142,8 @@ def measured(task: Task, runs: int, epochs: int, key: Array, only: Sequence[str]
 
 def trained(task: Task, clean: Float[Array, " T"], epochs: int, key: Array) -> Networks:
     """Networks that predict the next sample, and the one before."""
-    found = []
-    for one, k in zip((clean, clean[::-1]), jax.random.split(key)):
-        x, d = pairs(one, task.sizes[0])
-        fit = sp.learn(
-            network.network, network.started(task.sizes, k), x, d,
-            noise=1e-3, drift=sp.annealed(1e-4, 0.999, 1e-9), prior_std=task.prior_std, epochs=epochs, key=k,
-        )  # fmt: skip
-        left = jax.vmap(lambda x, w=fit.params: network.network(w, x))(x) - d
-        found.append((fit.params, jnp.mean(left**2)))
-    (forward, ahead), (backward, behind) = found
-    return Networks(forward, backward, (ahead, behind))
+    each = zip((clean, clean[::-1]), jax.random.split(key))
+    return Networks(*(learned(task.sizes, one, epochs, k, task.prior_std) for one, k in each))
 
 
 @eqx.filter_jit

@@ -9,14 +9,13 @@ import sigmapoint as sp
 from sigmapoint import affine, series
 from sigmapoint.belief import Belief, SquareRoot
 from sigmapoint.model import StateSpaceModel
+from sigmapoint.problems.noisy_series import NOISE
 from sigmapoint.smoothing.backward_model import Backward
 from sigmapoint.smoothing.smoother import Smoother
 from sigmapoint.smoothing.two_filter import informed
 from sigmapoint.step import Filter, FilterState
 
 F, B, S = "forward (F)", "backward (B)", "smoothed (S)"
-NOISE = 10**-0.3
-"""Variance of the measurement noise, at 3 dB, of a series of variance 1."""
 LEAST = 1e-6
 """Information beside that of a backward filter, which has none of some directions at first."""
 

@@ -10,6 +10,7 @@ without noise, about one in twenty.
 """
 
 from functools import partial
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,9 +18,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 import sigmapoint as sp
-from sigmapoint.problems.network import Parameters, network
+from sigmapoint.problems.autoregression import pairs
+from sigmapoint.problems.network import Parameters, network, started
 from sigmapoint.smoothing.smoother import Smoother
 
+NOISE = 10**-0.3
+"""Variance of the measurement noise, at 3 dB, of a series of variance 1."""
 ORDER, UNITS = 5, 3
 GAIN, DRIVE = 4.0, 0.05
 """Of random weights; the standard deviation of the noise that drives the series, whose own is near 1."""
@@ -65,6 +69,26 @@ def backward(weights: Parameters, process: Float[Array, ""], initial: sp.Gaussia
     """The two-filter smoother with this network backward."""
     p = initial.mean.shape[0]
     return sp.two_filter(Backward(weights), noise=jnp.zeros((p, p)).at[-1, -1].set(process), initial=initial)
+
+
+class Learned(NamedTuple):
+    """A network that predicts the next sample."""
+
+    weights: Parameters
+    left: Float[Array, ""]
+    """variance of what it leaves unpredicted"""
+
+
+def learned(
+    sizes: tuple[int, int, int], clean: Float[Array, " T"], epochs: int, key: Array, prior_std: float = 0.5
+) -> Learned:
+    """A network trained on a clean series by the square-root filter of the library, in annealed noise."""
+    x, d = pairs(clean, sizes[0])
+    weights = sp.learn(
+        network, started(sizes, key), x, d,
+        noise=1e-3, drift=sp.annealed(1e-4, 0.999, 1e-9), prior_std=prior_std, epochs=epochs, key=key,
+    ).params  # fmt: skip
+    return Learned(weights, jnp.mean((jax.vmap(lambda x: network(weights, x))(x) - d) ** 2))
 
 
 def stationary(series: Float[Array, " T"], order: int) -> sp.Gaussian:
