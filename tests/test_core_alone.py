@@ -14,7 +14,7 @@ def test_importing_the_core_imports_no_extra():
     code = (
         "import sys, sigmapoint; "
         "extras = {'pandas', 'plotly', 'matplotlib', 'scipy.stats', 'typer', 'rich', 'xarray', 'pyarrow'}; "
-        "extras |= {'optimistix', 'blackjax'}; "
+        "extras |= {'optimistix', 'blackjax', 'jsbsim'}; "
         "extra = extras & set(sys.modules); "
         "assert not extra, extra"
     )
@@ -23,7 +23,7 @@ def test_importing_the_core_imports_no_extra():
 
 WITHOUT = """
 import sys
-sys.modules.update({{"plotly": None, "pandas": None, "optimistix": None, "blackjax": None}})
+sys.modules.update({{"plotly": None, "pandas": None, "optimistix": None, "blackjax": None, "jsbsim": None}})
 import matplotlib, jax.numpy as jnp, sigmapoint as sp
 matplotlib.use("Agg")
 one = jnp.eye(1)
@@ -49,6 +49,10 @@ post = sp.filter(model, jnp.ones((3, 1)))
         (
             "sp.smc2(lambda theta: model, 1.0, jnp.ones((3, 1)), key=0)",
             "ImportError: smc2 needs blackjax: pip install sigmapoint[mcmc]",
+        ),
+        (
+            "from sigmapoint.problems.f15_simulator import advanced; advanced(None, None, None)",
+            "ImportError: the f15 needs jsbsim: pip install sigmapoint[simulator]",
         ),
         ("post.plot()", ""),
     ],

@@ -76,7 +76,7 @@ def factors(flight: Flight, beliefs: Any, failure: int) -> Figure:
         axis.plot(time, value[1:].T, color=colour, lw=0.6, alpha=0.3)
         axis.fill_between(time, low[0], high[0], color=colour, alpha=0.25, lw=0)
         axis.plot(time, value[0], color=colour, lw=1.6)
-        axis.plot(time, true, color=TRUE, lw=1, ls="--")
+        axis.step(time, true, color=TRUE, lw=1, ls="--", where="post")
         axis.axvline(STEP * failure, color="0.3", lw=1, ls=":")
         axis.set_ylabel(name)
     axes[0].set_ylim(0.2, 1.4)

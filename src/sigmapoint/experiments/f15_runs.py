@@ -3,8 +3,6 @@
 Side by side, the points of all flights go to the simulator in one call, shared out to its processes.
 """
 
-import time
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -19,7 +17,7 @@ from sigmapoint.identification.unknowns import Unknowns
 from sigmapoint.methods import Method
 from sigmapoint.problems import f15
 from sigmapoint.problems.f15_mission import LEFT, Flight
-from sigmapoint.problems.f15_simulator import NAMES, STEP, Input
+from sigmapoint.problems.f15_simulator import STEP, Input
 from sigmapoint.step import Filter
 
 WITHIN = round(10.0 / STEP)
@@ -78,17 +76,17 @@ class Tracked(NamedTuple):
     """rms, over the standard deviation of the measurement's noise"""
 
 
-STATES = ("altitude", "roll", "pitch", "heading", "q")
+STATES = {"altitude": 2, "roll": 6, "pitch": 7, "heading": 8, "pitch rate": 10}
+"""and where they are in a state"""
 
 
 def tracked(beliefs: Beliefs, state: Float[np.ndarray, "R T 12"], noise: Float[np.ndarray, " 12"]) -> Tracked:
     """How well states are known."""
-    columns = {name: NAMES.index(name) for name in STATES}
     off = beliefs.mean[..., :12] - state
     speed = np.linalg.norm(beliefs.mean[..., 3:6], axis=-1) - np.linalg.norm(state[..., 3:6], axis=-1)
-    inside = {name: np.abs(off[..., i]) < 2 * beliefs.std[..., i] for name, i in columns.items()}
+    inside = {name: np.abs(off[..., i]) < 2 * beliefs.std[..., i] for name, i in STATES.items()}
     inside["speed"] = np.abs(speed) < 2 * beliefs.speed_std
-    error = {name: np.sqrt((off[..., i] ** 2).mean(axis=1)) / noise[i] for name, i in columns.items()}
+    error = {name: np.sqrt((off[..., i] ** 2).mean(axis=1)) / noise[i] for name, i in STATES.items()}
     return Tracked({name: share.mean(axis=1) for name, share in inside.items()}, error)
 
 
@@ -101,6 +99,8 @@ class Found(NamedTuple):
     """its estimate ten seconds after the failure"""
     reached: np.ndarray
     """[s] from the failure until it is first close to what is left"""
+    in_time: np.ndarray
+    """1 where that is within ten seconds"""
     alarm: np.ndarray
     """[s] from the failure until it is reported; NaN where it is not"""
     false: np.ndarray
@@ -124,10 +124,12 @@ def found(beliefs: Beliefs, flight: Flight, failure: int) -> Found:
     steady = np.r_[SETTLED:failure, failure + WITHIN : value.shape[1]]
     lift = np.asarray(known.value.lift)
     lift_inside = (np.asarray(known.low.lift) < 1) & (np.asarray(known.high.lift) > 1)
+    reached = _first(close[:, failure:])
     return Found(
         before=value[:, SETTLED:failure].mean(axis=1),
         after=value[:, failure + WITHIN],
-        reached=_first(close[:, failure:]),
+        reached=reached,
+        in_time=1.0 * (reached <= WITHIN * STEP),
         alarm=_first(reported[:, failure:]),
         false=1.0 * reported[:, :failure].any(axis=1),
         kept=close[:, failure + WITHIN :].mean(axis=1),
@@ -140,29 +142,3 @@ def found(beliefs: Beliefs, flight: Flight, failure: int) -> Found:
 def _first(true: np.ndarray) -> np.ndarray:
     """[s] until it first is; NaN where it never is."""
     return np.where(true.any(axis=1), STEP * true.argmax(axis=1), np.nan)
-
-
-class Times(NamedTuple):
-    """[s] of the same piece of all flights, several times."""
-
-    one: Float[np.ndarray, " N"]
-    """with one worker process"""
-    two: Float[np.ndarray, " N"]
-    """with two, right after"""
-
-    @property
-    def shortest(self) -> float:
-        """Ratio of the shortest times: what else the machine does only adds to a time."""
-        return float(self.one.min() / self.two.min())
-
-
-def timed(one: Callable[[], Any], two: Callable[[], Any], pairs: int) -> Times:
-    """Time both in turns, after a first call of each."""
-
-    def seconds(call: Callable[[], Any]) -> float:
-        begin = time.perf_counter()
-        call()
-        return time.perf_counter() - begin
-
-    one(), two()
-    return Times(*np.array([[seconds(one), seconds(two)] for _ in range(pairs)]).T)

@@ -45,6 +45,9 @@ class Factors(NamedTuple):
 WHOLE = Factors(1.0, 1.0)
 THETA = Factors(sp.real(1.0, PRIOR), sp.real(1.0, PRIOR))
 
+SIZE = len(START) + len(THETA)
+"""of the joint state"""
+
 
 def sensors(state: Float[np.ndarray, "R T 12"]) -> Float[np.ndarray, " 12"]:
     """Standard deviations of the noise of the measurements: 20 dB below the states, over all flights."""

@@ -1,7 +1,7 @@
 """The F-15 of the flight simulator JSBSim: placed in any state, flown on, and read again.
 
-The aircraft is JSBSim's own model of it. Two factors are added to a copy: one multiplies pitching moment and lift of the
-stabilator's deflection, the other the lift of the angle of attack; both are 1 where nothing has failed.
+The aircraft is JSBSim's own model of it. Two factors are added to a copy: one multiplies pitching moment and lift of
+the stabilator's deflection, the other the lift of the angle of attack; both are 1 where nothing has failed.
 
 A state (12) says where the aircraft is and how it moves; what else the simulator remembers is not part of it. Where an
 aircraft is placed, surfaces are where the command has them in the end, and the engines turn as the throttle has them in
@@ -51,8 +51,10 @@ FACTORS = {
     "aero/factor/lift": ("aero/coefficient/CLalpha",),
 }
 """properties that are added, and the functions that each multiplies"""
-SETTLE = 2
-"""rounds of the simulator in which no time passes: its integrator looks back at one acceleration beside the present"""
+INTEGRATOR, EULER = "simulation/integrator/rate/translational", 1
+"""how velocity is integrated: other ways go on with accelerations of before"""
+SETTLE = 3
+"""rounds of the simulator in which no time passes: accelerations depend on those of the round before, but little"""
 
 
 class Input(NamedTuple):
@@ -88,7 +90,7 @@ class Simulator:
     """
 
     def __init__(self, rate: int):
-        jsbsim = checks.extra("jsbsim", "the flight simulator of the f15", "simulator")
+        jsbsim = checks.extra("jsbsim", "the f15", "simulator")
         jsbsim.FGJSBBase().debug_lvl = 0
         self._steps = round(STEP * rate)
         self._run = jsbsim.FGFDMExec(None)
@@ -113,6 +115,7 @@ class Simulator:
         for engine in ("", SECOND):
             self._set({f"propulsion/engine{engine}/n{i}": shaft for i, shaft in enumerate(shafts, 1)})
             run[f"propulsion/tank{engine}/contents-lbs"] = u.fuel
+        run[INTEGRATOR] = EULER
         run.suspend_integration()
         for _ in range(SETTLE):
             run.run()
@@ -164,7 +167,7 @@ RATE = 60
 
 
 def advanced(state: Float[np.ndarray, " 12"], u: Input, factors: Float[np.ndarray, " 2"]) -> Float[np.ndarray, " 12"]:
-    """The state one step later, in still air: a function of its arguments alone."""
+    """The state one step later, in still air; what was before does not matter (by less than a millimetre)."""
     aircraft = _aircraft()
     aircraft.place(state, u, factors)
     aircraft.fly()
