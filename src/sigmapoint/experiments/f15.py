@@ -77,10 +77,11 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
         flight = flights(count, steps, failure, keys[0])
         noise = problem.sensors(flight.state)
         y = problem.measured(flight.state, noise, keys[1])
-        times = times_of(METHODS[SHOWN], noise, y, flight.u, QUICK_ROUNDS if quick else ROUNDS)
         with closing(problem.simulator(workers=2)) as box:
             joint, alone = problem.joint_model(box, noise), problem.states_model(box, problem.WHOLE, noise)
             trackers = {name: Tracker(joint, METHODS[name]) for name in (QUICK if quick else METHODS)}
+            rounds = QUICK_ROUNDS if quick else ROUNDS
+            times = times_of(trackers[SHOWN], METHODS[SHOWN], noise, y, flight.u, rounds)
             beliefs = {name: tracker(y, flight.u) for name, tracker in trackers.items()}
             unaware = Tracker(alone, METHODS[SHOWN])(y, flight.u)
         found = {name: found_by(belief, flight, failure) for name, belief in beliefs.items()}

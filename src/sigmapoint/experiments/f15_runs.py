@@ -33,14 +33,14 @@ SETTLED = round(10.0 / STEP)
 class Beliefs(NamedTuple):
     """Of R flights, at T instants, about n states."""
 
-    mean: Float[np.ndarray, "R T n"]
-    std: Float[np.ndarray, "R T n"]
-    speed_std: Float[np.ndarray, "R T"]
+    mean: Float[Any, "*R T n"]
+    std: Float[Any, "*R T n"]
+    speed_std: Float[Any, "*R T"]
     """[m/s] of the size of the velocity through the air, to first order"""
 
     @property
-    def factors(self) -> f15.Factors:
-        """`Estimates` of the factors, which are the states after the twelve."""
+    def factors(self) -> Estimates:
+        """Of the factors, which are the states after the twelve."""
         return Estimates.of(Unknowns.of(f15.THETA), jnp.asarray(self.mean[..., 12:]), jnp.asarray(self.std[..., 12:]))
 
 
@@ -131,7 +131,7 @@ def found(beliefs: Beliefs, flight: Flight, failure: int) -> Found:
         reached=reached,
         in_time=1.0 * (reached <= WITHIN * STEP),
         alarm=_first(reported[:, failure:]),
-        false=1.0 * reported[:, :failure].any(axis=1),
+        false=reported[:, :failure].any(axis=1).astype(float),
         kept=close[:, failure + WITHIN :].mean(axis=1),
         inside=((low < flight.stabilator) & (flight.stabilator < high))[:, steady].mean(axis=1),
         lift=np.sqrt(((lift - 1) ** 2)[:, SETTLED:].mean(axis=1)),

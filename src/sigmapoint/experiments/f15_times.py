@@ -78,22 +78,19 @@ def counting(box: Blackbox) -> Callable[[], Array]:
     return lambda: count(numbers).block_until_ready()
 
 
-def filtering(box: Blackbox, method: Method, noise: np.ndarray, y: np.ndarray, u: Input) -> Callable[[], Any]:
-    """A piece of all flights through the joint filter with this simulator."""
+def times(
+    tracker: Tracker, method: Method, noise: np.ndarray, y: np.ndarray, u: Input, repetitions: int
+) -> dict[str, Times]:
+    """Of a joint filter for these flights, and of counting; `tracker` is the filter with two workers."""
     piece = jax.tree.map(lambda a: a[:, :PIECE], (y, u))
-    return partial(Tracker(f15.joint_model(box, noise), method), *piece)
-
-
-def times(method: Method, noise: np.ndarray, y: np.ndarray, u: Input, repetitions: int) -> dict[str, Times]:
-    """Of the filter for these flights, and of counting."""
     with (
-        closing(f15.simulator(1)) as one,
-        closing(f15.simulator(2)) as two,
-        closing(sp.blackbox(counted, workers=1)) as one_counts,
-        closing(sp.blackbox(counted, workers=2)) as two_count,
+        closing(f15.simulator(1)) as slow,
+        closing(sp.blackbox(counted, workers=1)) as one,
+        closing(sp.blackbox(counted, workers=2)) as two,
     ):
+        alike = Tracker(f15.joint_model(slow, noise), method)
         works = {
-            "filter": (filtering(one, method, noise, y, u), filtering(two, method, noise, y, u)),
-            "counting": (counting(one_counts), counting(two_count)),
+            "filter": (partial(alike, *piece), partial(tracker, *piece)),
+            "counting": (counting(one), counting(two)),
         }
         return timed(works, repetitions)

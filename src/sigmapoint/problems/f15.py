@@ -44,7 +44,6 @@ class Factors(NamedTuple):
 
 WHOLE = Factors(1.0, 1.0)
 THETA = Factors(sp.real(1.0, PRIOR), sp.real(1.0, PRIOR))
-
 SIZE = len(START) + len(THETA)
 """of the joint state"""
 
