@@ -38,7 +38,7 @@ NOTES = {
     "UKF": "α=1, β=2, κ=0",
     ALONE: "both factors held at 1",
 }
-RUNS, QUICK_RUNS = 10, 2
+RUNS, QUICK_RUNS = 8, 2
 QUICK_STEPS, QUICK_FAILURE = 240, 120
 ROUNDS, QUICK_ROUNDS = 25, 2
 BARS = ("altitude", "speed", "roll", "pitch", "heading")
