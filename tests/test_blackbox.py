@@ -93,8 +93,10 @@ def test_worker_processes_give_the_same_numbers():
     box = sp.blackbox(python_step, workers=2)
     try:
         a = sp.filter(model(box), Y, U, sp.srukf())
+        x, _ = sp.simulate(model(box), T, key=jax.random.key(0), u=U)  # one point for both of them
     finally:
         box.close()
+    np.testing.assert_allclose(x, sp.simulate(model(traced_step), T, key=jax.random.key(0), u=U)[0], rtol=1e-10)
     np.testing.assert_allclose(a.mean, sp.filter(model(traced_step), Y, U, sp.srukf()).mean, rtol=1e-10, atol=1e-12)
 
 

@@ -12,7 +12,7 @@ def test_importing_the_core_imports_no_extra():
     code = (
         "import sys, sigmapoint; "
         "extras = {'pandas', 'plotly', 'matplotlib', 'scipy.stats', 'typer', 'rich', 'xarray', 'pyarrow'}; "
-        "extras |= {'optimistix', 'blackjax'}; "
+        "extras |= {'optimistix', 'blackjax', 'jsbsim'}; "
         "extra = extras & set(sys.modules); "
         "assert not extra, extra"
     )
@@ -21,8 +21,9 @@ def test_importing_the_core_imports_no_extra():
 
 WITHOUT = """
 import sys
-sys.modules.update({"plotly": None, "pandas": None, "optimistix": None, "blackjax": None})
+sys.modules.update(dict.fromkeys(("plotly", "pandas", "optimistix", "blackjax", "jsbsim")))
 import matplotlib, jax.numpy as jnp, sigmapoint as sp
+from sigmapoint.problems.f15_simulator import advanced
 matplotlib.use("Agg")
 one = jnp.eye(1)
 model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, one, one, sp.Gaussian(jnp.zeros(1), one))
@@ -34,6 +35,7 @@ for call in (
     lambda: sp.fit(lambda theta: model, 1.0, jnp.ones((3, 1))),
     lambda: sp.pmmh(lambda theta: model, 1.0, jnp.ones((3, 1)), key=0),
     lambda: sp.smc2(lambda theta: model, 1.0, jnp.ones((3, 1)), key=0),
+    lambda: advanced(None, None, None),
 ):
     try:
         call()
@@ -50,6 +52,7 @@ def test_what_is_missing_is_named_where_it_is_needed():
         "fit needs optimistix: pip install sigmapoint[fit]",
         "pmmh needs blackjax: pip install sigmapoint[mcmc]",
         "smc2 needs blackjax: pip install sigmapoint[mcmc]",
+        "the f15 needs jsbsim: pip install sigmapoint[simulator]",
     ]
 
 

@@ -87,15 +87,20 @@ class Blackbox:
     def _rows(self, rows: Any, count: int) -> Any:
         if self._vectorized:
             return self._function(*rows)
-        each = [jax.tree.map(lambda a, i=i: a[i], rows) for i in range(count)]
         if self._workers == 0:
-            return [self._function(*row) for row in each]
+            return _each(self._function, rows, count)
         if self._pool is None:
             _sendable(self._function)
             # `spawn`: a forked child would inherit the locks of JAX's threads.
             self._pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"))
-        share = -(-count // self._workers)
-        return list(self._pool.map(_star, [self._function] * count, each, chunksize=share))
+        # A part for each process in arrays of many rows: to send arrays costs by their number, not by their size.
+        ends = [count * i // self._workers for i in range(self._workers + 1)]
+        parts = [
+            self._pool.submit(_each, self._function, jax.tree.map(lambda a, i=i, j=j: a[i:j], rows), j - i)
+            for i, j in itertools.pairwise(ends)
+            if j > i
+        ]
+        return [value for part in parts for value in part.result()]
 
 
 def _real(values: Any) -> np.ndarray:
@@ -117,8 +122,8 @@ def _sendable(function: Callable[..., Any]) -> None:
         raise
 
 
-def _star(function: Callable[..., Any], row: tuple[Any, ...]) -> Any:
-    return function(*row)
+def _each(function: Callable[..., Any], rows: tuple[Any, ...], count: int) -> list[Any]:
+    return [function(*jax.tree.map(lambda a, i=i: a[i], rows)) for i in range(count)]
 
 
 def _opaque(box: Blackbox, shape: jax.ShapeDtypeStruct, *args: Any) -> Array:

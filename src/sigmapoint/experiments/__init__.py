@@ -62,6 +62,7 @@ _ALL = (
     Experiment(
         "pendulum-adaptive", "a pendulum held upright while its masses are learned", _lazily("pendulum_adaptive")
     ),
+    Experiment("f15", "a flight simulator as the model: a stabilator that fails", _lazily("f15")),
     Experiment("battery-joint", "capacity and resistance of a real cell, with bars", _lazily("battery_joint")),
     Experiment(
         "upf-synthetic", "particle filters with proposals of Kalman filters: gamma noise", _lazily("upf_synthetic")
