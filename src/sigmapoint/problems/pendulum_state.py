@@ -25,7 +25,7 @@ from sigmapoint.step import Filter
 
 MEASURED = 3
 """states at the head of (x, ẋ, θ₁, θ̇₁, θ₂, θ̇₂) that are measured"""
-SPREAD = np.array([0.05, 0.05, np.deg2rad(2.0), 0.05, np.deg2rad(2.0), 0.05])
+SPREAD = np.array([0.02, 0.02, np.deg2rad(1.0), 0.02, np.deg2rad(1.0), 0.02])
 """[m, m/s, rad, rad/s, rad, rad/s] standard deviations of the starts about the published one"""
 
 
