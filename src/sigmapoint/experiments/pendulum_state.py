@@ -17,17 +17,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 import sigmapoint as sp
-from sigmapoint.experiments.pendulum_state_figures import errors, film, shares, states
+from sigmapoint.experiments.pendulum_state_figures import RATE, errors, film, shares, states
 from sigmapoint.experiments.pendulum_state_limit import least_angle
 from sigmapoint.experiments.pendulum_state_runs import Found, Runner, outcome, p_value
 from sigmapoint.experiments.results import Film, Mean, Picture, Row, Shown, mean_of, publish, row_of
 from sigmapoint.methods import Method
 from sigmapoint.problems import pendulum_state as problem
-from sigmapoint.problems.pendulum import STEP
 from sigmapoint.problems.pendulum_state import Told, Trial
 
 METHODS: dict[str, tuple[Method, str]] = {
@@ -196,12 +194,10 @@ def pictures(results: Results, known: Trial) -> Sequence[Shown]:
     shown = {name: results.by[level][name].trusted.at(i) for name in QUICK}
     watching = {name: results.by[PUBLISHED][name].watched.at(0) for name in QUICK}
     less = {name: results.by[level][name].watched.at(0) for name in QUICK}
-    how = "; ".join(
-        f"{name}: {'crashes' if results.by[level][name].fell[i] else 'stays up'}" for name in QUICK
-    )
+    how = "; ".join(f"{name}: {'crashes' if results.by[level][name].fell[i] else 'stays up'}" for name in QUICK)
     return (
         Film("pendulum-state-film", f"The same start and noises, {level:g} dB, controlled by what a filter estimates. "
-             f"Black: the pendulum; colour: as estimated. {how}.", film(shown), 1 / (2 * STEP)),
+             f"Black: the pendulum; colour: as estimated. {how}.", film(shown), RATE),
         Picture("pendulum-state-shares", "Share of trials that crash by the level of the noise, and how many are still "
                 "up by time; dashed: with everything known.",
                 shares(results.by, float(results.known.fell.mean()), PUBLISHED)),

@@ -16,6 +16,8 @@ from sigmapoint.problems.pendulum import STEP, TRUTH, fallen
 COLOURS = ("#d55e00", "#0072b2", "#56b4e9", "#009e73")
 EVERY = 2
 """steps from one picture of the film to the next"""
+RATE = round(1 / (EVERY * STEP))
+"""pictures a second"""
 STATES = ("cart [m]", "speed [m/s]", "θ1 [rad]", "θ̇1 [rad/s]", "θ2 [rad]", "θ̇2 [rad/s]")
 VIEW = 3.0
 """[m] to either side of the cart"""
@@ -37,7 +39,8 @@ class _Scene:
         self.axis, self.name, self.trial, self.crashes = axis, name, trial, bool(down.any())
         axis.axhline(0, color="0.7", lw=1)
         (self.marks,) = axis.plot([], [], "|", color="0.6", ms=8)
-        self.cart = axis.add_patch(Rectangle((0, -0.12), 0.6, 0.24, color="0.4"))
+        self.cart = Rectangle((0, -0.12), 0.6, 0.24, color="0.4")
+        axis.add_patch(self.cart)
         (self.estimate,) = axis.plot([], [], "o-", color=colour, lw=6, ms=7, solid_capstyle="round", alpha=0.55)
         (self.rods,) = axis.plot([], [], "o-", color="black", lw=2, ms=4)
         axis.set(ylim=(-2.7, 2.7), aspect="equal", yticks=[], xticks=[])
@@ -71,7 +74,7 @@ def film(trials: Mapping[str, Any]) -> FuncAnimation:
         return []
 
     frames = [*range(0, steps, EVERY), *([steps - 1] * 25)]
-    return FuncAnimation(figure, show, frames, init_func=lambda: [], cache_frame_data=False)
+    return FuncAnimation(figure, show, frames, init_func=list, cache_frame_data=False)
 
 
 def shares(by: Mapping[float, Mapping[str, Any]], known: float, published: float) -> Figure:

@@ -82,7 +82,7 @@ class Film(NamedTuple):
     name: str
     caption: str
     animation: Animation
-    rate: float
+    rate: int
     """pictures a second"""
 
     def saved(self, out: Path) -> Image:

@@ -140,9 +140,7 @@ def watched(method: Method, told: Told, sensors: Float[Array, " 3"], trial: Tria
     return trial._replace(mean=jax.lax.scan(step, run.init(), (y, trial.force))[1])
 
 
-def trusted(
-    method: Method, told: Told, sensors: Float[Array, " 3"], start: Float[Array, " 6"], noise: Noise
-) -> Trial:
+def trusted(method: Method, told: Told, sensors: Float[Array, " 3"], start: Float[Array, " 6"], noise: Noise) -> Trial:
     """A trial in which the controller is told what a filter estimates.
 
     Args:
