@@ -1,4 +1,4 @@
-"""A double inverted pendulum of which three of six states are measured: watched by a filter, and held up by what it says.
+"""A double inverted pendulum of which three of six states are measured: watched by a filter, held up by what it says.
 
 Published (Wan & van der Merwe 2001, section 7.3.1, Figure 7.5), of one run at 10 dB and without numbers: where filters
 only watch, "clearly the UKF is better able to track the unobserved states"; where the controller is told the estimate,
@@ -6,7 +6,7 @@ only watch, "clearly the UKF is better able to track the unobserved states"; whe
 sensors, the step, α = 1, β = κ = 0 and 10 dB; noise of the process, initial belief, the controller's weights and whose
 power the 10 dB are of are not: those here are ours (`problems.pendulum_state`, `problems.pendulum_control`).
 
-Starts lie about the published one, and every filter has the same starts, noises and, where it only watches, motions.
+Starts lie about the published one, and every filter has the same starts, noises and, if it only watches, motions.
 Errors of angles are those of directions, at most π: an estimate that is a turn off is right. Beside the published level
 lower noises, other settings of the UKF, and what theory says of any filter with any controller (`pendulum_state_limit`).
 """
@@ -120,7 +120,7 @@ def rows(results: Results, sensors: Mapping[float, np.ndarray]) -> list[Row]:
         *(_row(f"error of {state} in the same trials, UKF minus EKF", f"{level:g} dB", gain,
                f"p = {p:.2g} by a paired t-test") for i, state in enumerate(UNSEEN)
           for level, (gain, p) in compared(results, i).items()),
-        *(_row(f"crashes and errors, other settings, {PUBLISHED:g} dB: share of trials that crash", name,
+        *(_row(f"other settings, {PUBLISHED:g} dB: share of trials that crash", name,
                mean_of(1.0 * one.fell), TRIED.get(name, (None, ""))[1]) for name, one in every.items()),
         *(_row(f"other settings, {PUBLISHED:g} dB: error of θ2 where only watched [rad]", name,
                mean_of(one.error[:, 1])) for name, one in every.items()),
