@@ -6,41 +6,11 @@ only watch, "clearly the UKF is better able to track the unobserved states"; whe
 sensors, the step, α = 1, β = κ = 0 and 10 dB; noise of the process, initial belief, the controller's weights and whose
 power the 10 dB are of are not: those here are ours (`problems.pendulum_state`, `problems.pendulum_control`).
 
-Starts lie about the published one, and every filter has the same starts, noises and, if it only watches, motions.
-Errors of angles are those of directions, at most π: an estimate that is a turn off is right. Beside the published level
-lower noises, other settings of the UKF, and what theory says of any filter with any controller (`pendulum_state_limit`).
+Starts lie about the published one, and every filter has the same starts, noises and, if it only watches, motions. An
+error of an angle is that of a direction, at most π: an estimate that is a turn off is right. Beside the published level
+there are lower noises, other settings of the UKF, and what theory says of any filter with any controller, near upright
+(`pendulum_state_limit`).
 """
-
-from collections.abc import Mapping, Sequence
-from functools import partial
-from pathlib import Path
-from typing import Any, NamedTuple
-
-import jax
-import numpy as np
-
-import sigmapoint as sp
-from sigmapoint.experiments.pendulum_state_figures import RATE, errors, film, shares, states
-from sigmapoint.experiments.pendulum_state_limit import least_angle
-from sigmapoint.experiments.pendulum_state_runs import Found, Runner, outcome, p_value
-from sigmapoint.experiments.results import Film, Mean, Picture, Row, Shown, mean_of, publish, row_of
-from sigmapoint.methods import Method
-from sigmapoint.problems import pendulum_state as problem
-from sigmapoint.problems.pendulum_state import Told, Trial
-
-METHODS: dict[str, tuple[Method, str]] = {
-    "EKF": (sp.ekf(), ""),
-    "UKF": (sp.ukf(1.0, 0.0, 0.0), "α=1, β=0, κ=0"),
-    "SR-UKF": (sp.srukf(), "α=1, β=2, κ=0"),
-    "SR-CDKF": (sp.srcdkf(), "h = √3"),
-}
-QUICK = ("EKF", "UKF")
-TRIED: dict[str, tuple[Method, str]] = {
-    "UKF, κ = 3": (sp.ukf(1.0, 0.0, 3.0), "points √9 standard deviations out"),
-    "UKF, α = 0.1": (sp.ukf(0.1, 2.0, 0.0), "β = 2; points 0.24 standard deviations out"),
-}
-WIDER, SHAKEN = 5.0, 10.0
-"""times the true spread of the starts, times the true disturbance: what the UKF is told instead"""
 LEVELS, QUICK_LEVELS = (10.0, 15.0, 20.0, 25.0, 30.0, 40.0), (10.0, 30.0)
 PUBLISHED = 10.0
 """[dB]"""
