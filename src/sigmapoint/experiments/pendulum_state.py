@@ -11,6 +11,37 @@ error of an angle is that of a direction, at most π: an estimate that is a turn
 there are lower noises, other settings of the UKF, and what theory says of any filter with any controller, near upright
 (`pendulum_state_limit`).
 """
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+import sigmapoint as sp
+from sigmapoint.experiments.pendulum_state_figures import RATE, errors, film, shares, states
+from sigmapoint.experiments.pendulum_state_limit import least_angle
+from sigmapoint.experiments.pendulum_state_runs import Found, Runner, outcome, p_value
+from sigmapoint.experiments.results import Film, Mean, Picture, Row, Shown, mean_of, publish, row_of
+from sigmapoint.methods import Method
+from sigmapoint.problems import pendulum_state as problem
+from sigmapoint.problems.pendulum_state import Told, Trial
+
+METHODS: dict[str, tuple[Method, str]] = {
+    "EKF": (sp.ekf(), ""),
+    "UKF": (sp.ukf(1.0, 0.0, 0.0), "α=1, β=0, κ=0"),
+    "SR-UKF": (sp.srukf(), "α=1, β=2, κ=0"),
+    "SR-CDKF": (sp.srcdkf(), "h = √3"),
+}
+QUICK = ("EKF", "UKF")
+TRIED: dict[str, tuple[Method, str]] = {
+    "UKF, κ = 3": (sp.ukf(1.0, 0.0, 3.0), "points √9 standard deviations out"),
+    "UKF, α = 0.1": (sp.ukf(0.1, 2.0, 0.0), "β = 2; points 0.24 standard deviations out"),
+}
+WIDER, SHAKEN = 5.0, 10.0
+"""times the true spread of the starts, times the true disturbance: what the UKF is told instead"""
 LEVELS, QUICK_LEVELS = (10.0, 15.0, 20.0, 25.0, 30.0, 40.0), (10.0, 30.0)
 PUBLISHED = 10.0
 """[dB]"""
