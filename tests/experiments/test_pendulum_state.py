@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from matplotlib.animation import FuncAnimation
 from matplotlib.figure import Figure
+from scipy import stats
 
 import sigmapoint as sp
 from sigmapoint.experiments import EXPERIMENTS
 from sigmapoint.experiments.pendulum_state import _sign, telling
 from sigmapoint.experiments.pendulum_state_figures import joints
 from sigmapoint.experiments.pendulum_state_limit import least_angle
-from sigmapoint.experiments.pendulum_state_runs import outcome
+from sigmapoint.experiments.pendulum_state_runs import by_ranks, outcome, p_value
 from sigmapoint.experiments.results import Film, Mean
 from sigmapoint.problems import pendulum, pendulum_state
 from sigmapoint.problems.pendulum_state import Trial
@@ -75,6 +76,13 @@ def test_a_difference_is_named_by_its_sign_and_only_where_it_is_sure():
     assert _sign(Mean(-1.0, 0.1, 9), 0.001) == "UKF better"
     assert _sign(Mean(1.0, 0.1, 9), 0.001) == "EKF better"
     assert _sign(Mean(-1.0, 0.9, 9), 0.3) == "no difference shown"
+
+
+def test_p_values_are_those_of_scipy():
+    differences = np.random.default_rng(1).normal(0.2, 1.0, 60)
+    np.testing.assert_allclose(p_value(differences), stats.ttest_1samp(differences, 0.0).pvalue, rtol=1e-10)
+    expected = stats.wilcoxon(differences, method="asymptotic").pvalue
+    np.testing.assert_allclose(by_ranks(np.append(differences, [np.nan, 0.0])), expected, rtol=1e-10)
 
 
 def test_the_limit_is_proportional_to_the_noise_where_nothing_disturbs():

@@ -23,7 +23,7 @@ import numpy as np
 import sigmapoint as sp
 from sigmapoint.experiments.pendulum_state_figures import RATE, errors, film, shares, states
 from sigmapoint.experiments.pendulum_state_limit import least_angle
-from sigmapoint.experiments.pendulum_state_runs import Found, Runner, outcome, p_value
+from sigmapoint.experiments.pendulum_state_runs import Found, Runner, by_ranks, outcome, p_value
 from sigmapoint.experiments.results import Film, Mean, Picture, Row, Shown, mean_of, publish, row_of
 from sigmapoint.methods import Method
 from sigmapoint.problems import pendulum_state as problem
@@ -32,7 +32,7 @@ from sigmapoint.problems.pendulum_state import Told, Trial
 METHODS: dict[str, tuple[Method, str]] = {
     "EKF": (sp.ekf(), ""),
     "UKF": (sp.ukf(1.0, 0.0, 0.0), "α=1, β=0, κ=0"),
-    "SR-UKF": (sp.srukf(), "α=1, β=2, κ=0"),
+    "SR-UKF, β = 2": (sp.srukf(), "α=1, κ=0"),
     "SR-CDKF": (sp.srcdkf(), "h = √3"),
 }
 QUICK = ("EKF", "UKF")
@@ -119,8 +119,8 @@ def rows(results: Results, sensors: Mapping[float, np.ndarray]) -> list[Row]:
         *(_row(f"error of {state}, rms over a trial that is only watched, {level:g} dB", name, mean_of(one.error[:, i]))
           for i, state in enumerate(UNSEEN) for level, by in results.by.items() for name, one in by.items()),
         *(_row(f"error of {state} in the same trials, UKF minus EKF", f"{level:g} dB", gain,
-               f"p = {p:.2g} by a paired t-test") for i, state in enumerate(UNSEEN)
-          for level, (gain, p) in compared(results, i).items()),
+               f"p = {p:.2g} by a paired t-test, {ranks:.2g} by signed ranks") for i, state in enumerate(UNSEEN)
+          for level, (gain, p, ranks) in compared(results, i).items()),
         *(_row(f"other settings, {PUBLISHED:g} dB: share of trials that crash", name,
                mean_of(1.0 * one.fell), TRIED.get(name, (None, ""))[1]) for name, one in every.items()),
         *(_row(f"other settings, {PUBLISHED:g} dB: error of θ2 where only watched [rad]", name,
@@ -130,10 +130,10 @@ def rows(results: Results, sensors: Mapping[float, np.ndarray]) -> list[Row]:
     ]  # fmt: skip
 
 
-def compared(results: Results, i: int) -> dict[float, tuple[Mean, float]]:
-    """Error of an unseen state by the UKF minus that by the EKF, and its p-value, by level."""
+def compared(results: Results, i: int) -> dict[float, tuple[Mean, float, float]]:
+    """Error of an unseen state by the UKF minus that by the EKF, and its p-values, by level."""
     pairs = {level: by["UKF"].error[:, i] - by["EKF"].error[:, i] for level, by in results.by.items()}
-    return {level: (mean_of(pair), p_value(pair)) for level, pair in pairs.items()}
+    return {level: (mean_of(pair), p_value(pair), by_ranks(pair)) for level, pair in pairs.items()}
 
 
 def findings(results: Results) -> Sequence[str]:
@@ -147,7 +147,7 @@ def findings(results: Results) -> Sequence[str]:
     first = f"from {min(enough):g} dB on" if enough else "at none of these levels"
     errors = "; ".join(_verdict(state, *compared(results, i)[PUBLISHED]) for i, state in enumerate(UNSEEN))
     lower = "; ".join(
-        f"{level:g} dB " + ", ".join(f"{s} {_sign(*compared(results, i)[level])}" for i, s in enumerate(UNSEEN))
+        f"{level:g} dB " + ", ".join(f"{s} {_sign(*compared(results, i)[level][:2])}" for i, s in enumerate(UNSEEN))
         for level in results.by
         if level != PUBLISHED
     )
@@ -172,8 +172,8 @@ def findings(results: Results) -> Sequence[str]:
     )  # fmt: skip
 
 
-def _verdict(state: str, gain: Mean, p: float) -> str:
-    return f"{state} {gain.value:+.3f} ± {gain.spread:.3f} (p = {p:.1g}), {_sign(gain, p)}"
+def _verdict(state: str, gain: Mean, p: float, ranks: float) -> str:
+    return f"{state} {gain.value:+.3f} ± {gain.spread:.3f} (p = {p:.1g}, by signed ranks {ranks:.1g}), {_sign(gain, p)}"
 
 
 def _sign(gain: Mean, p: float) -> str:
@@ -192,13 +192,15 @@ def telling(by: Mapping[float, Mapping[str, Found]]) -> tuple[float, int]:
 def pictures(results: Results, known: Trial) -> Sequence[Shown]:
     """The figures and the film."""
     level, i = telling(results.by)
+    ekf, ukf = (results.by[level][name].fell for name in QUICK)
     shown = {name: results.by[level][name].trusted.at(i) for name in QUICK}
     watching = {name: results.by[PUBLISHED][name].watched.at(0) for name in QUICK}
     less = {name: results.by[level][name].watched.at(0) for name in QUICK}
     how = "; ".join(f"{name}: {'crashes' if results.by[level][name].fell[i] else 'stays up'}" for name in QUICK)
     return (
         Film("pendulum-state-film", f"The same start and noises, {level:g} dB, controlled by what a filter estimates. "
-             f"Black: the pendulum; colour: as estimated. {how}.", film(shown), RATE),
+             f"Black: the pendulum; colour: as estimated. {how}. At this level {(ekf & ~ukf).sum()} trials crash by the "
+            f"EKF only, and {(ukf & ~ekf).sum()} by the UKF only; shown is the first of the former, where there is one.", film(shown), RATE),
         Picture("pendulum-state-shares", "Share of trials that crash by the level of the noise, and how many are still "
                 "up by time; dashed: with everything known.",
                 shares(results.by, float(results.known.fell.mean()), PUBLISHED)),

@@ -43,7 +43,7 @@ class _Scene:
         axis.add_patch(self.cart)
         (self.estimate,) = axis.plot([], [], "o-", color=colour, lw=6, ms=7, solid_capstyle="round", alpha=0.55)
         (self.rods,) = axis.plot([], [], "o-", color="black", lw=2, ms=4)
-        axis.set(ylim=(-2.7, 2.7), aspect="equal", yticks=[], xticks=[])
+        axis.set(ylim=(-0.8, 2.7), aspect="equal", yticks=[], xticks=[])
         axis.spines[:].set_visible(False)
 
     def show(self, k: int) -> None:
@@ -62,9 +62,9 @@ class _Scene:
 
 def film(trials: Mapping[str, Any]) -> FuncAnimation:
     """Pendulums side by side, at the pace they move at, with a moment at the end."""
-    figure = Figure(figsize=(9, 4.6))
+    figure = Figure(figsize=(9, 3.3))
     axes = figure.subplots(1, len(trials))
-    figure.subplots_adjust(left=0.02, right=0.98, top=0.9, bottom=0.02)
+    figure.subplots_adjust(left=0.02, right=0.98, top=0.88, bottom=0.02)
     scenes = [_Scene(axis, name, colour, trials[name]) for axis, name, colour in zip(axes, trials, COLOURS)]
     steps = len(next(iter(trials.values())).force)
 
