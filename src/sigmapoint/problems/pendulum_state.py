@@ -130,7 +130,7 @@ def watched(method: Method, told: Told, sensors: Float[Array, " 3"], trial: Tria
         trial: by `held`.
         noise: of one trial.
     """
-    y = trial.state[:, :MEASURED] + sensors * noise.sensors
+    y = trial.state[:, :MEASURED] + sensors[None] * noise.sensors
     run = Filter.of(model(told, sensors), method)
 
     def step(ahead: Any, seen: tuple[Array, Array]) -> Any:
