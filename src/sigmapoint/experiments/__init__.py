@@ -52,6 +52,9 @@ _ALL = (
     Experiment(
         "pendulum-parameters", "lengths and masses of a pendulum from its falls", _lazily("pendulum_parameters")
     ),
+    Experiment(
+        "pendulum-state", "a pendulum of which half the states are seen, held upright", _lazily("pendulum_state")
+    ),
     Experiment("rosenbrock", "a curved valley: filters beside Levenberg-Marquardt and BFGS", _lazily("rosenbrock")),
     Experiment("smoother", "two-filter smoothers of noisy series, with networks backward", _lazily("smoother")),
     Experiment(

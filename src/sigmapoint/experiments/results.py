@@ -13,9 +13,11 @@ from html import escape
 from io import BytesIO
 from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from matplotlib.animation import Animation, PillowWriter
 from matplotlib.figure import Figure
 
 from sigmapoint.storage import write_atomically
@@ -34,12 +36,63 @@ class Row(NamedTuple):
     note: str = ""
 
 
+class Image(NamedTuple):
+    """What a browser shows."""
+
+    kind: str
+    """`png` or `gif`"""
+    content: bytes
+
+
+class Shown(Protocol):
+    """Something on the page."""
+
+    @property
+    def caption(self) -> str:
+        """What it shows in words."""
+        ...
+
+    def saved(self, out: Path) -> Image:
+        """Written into the folder, and as the page has it."""
+        ...
+
+
 class Picture(NamedTuple):
     """A figure, its file name without an ending, and what it shows in words."""
 
     name: str
     caption: str
     figure: Figure
+
+    def saved(self, out: Path) -> Image:
+        """Written as PNG and SVG."""
+        images = {}
+        for kind in ("png", "svg"):
+            buffer = BytesIO()
+            self.figure.savefig(buffer, format=kind, dpi=160)
+            self.figure.set_layout_engine("none")  # as laid out by the first
+            images[kind] = buffer.getvalue()
+            _write(out / f"{self.name}.{kind}", images[kind])
+        return Image("png", images["png"])
+
+
+class Film(NamedTuple):
+    """A moving picture, its file name without an ending, and what it shows in words."""
+
+    name: str
+    caption: str
+    animation: Animation
+    rate: int
+    """pictures a second"""
+
+    def saved(self, out: Path) -> Image:
+        """Written as GIF."""
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "film.gif"
+            self.animation.save(path, writer=PillowWriter(fps=self.rate), dpi=72)
+            content = path.read_bytes()
+        _write(out / f"{self.name}.gif", content)
+        return Image("gif", content)
 
 
 class Mean(NamedTuple):
@@ -71,7 +124,7 @@ def decided(gain: Mean) -> str:
 
 
 def publish(
-    out: Path, title: str, findings: Sequence[str], rows: Sequence[Row], pictures: Sequence[Picture]
+    out: Path, title: str, findings: Sequence[str], rows: Sequence[Row], pictures: Sequence[Shown]
 ) -> list[dict[str, Any]]:
     """Write results, figures and page into the folder `out` (made if need be); returns the rows as written.
 
@@ -80,7 +133,7 @@ def publish(
         title: of the page.
         findings: paragraphs in plain words, each one statement, before everything else on the page.
         rows: the numbers, those of one quantity next to each other.
-        pictures: the figures, in order.
+        pictures: the figures and films, in order.
 
     Raises:
         OSError: the folder cannot be written.
@@ -89,7 +142,7 @@ def publish(
     records = [_record(row) for row in rows]
     text = json.dumps(records, indent=1, ensure_ascii=False, allow_nan=False)
     _write(out / "results.json", text.encode())
-    images = [_saved(out, picture) for picture in pictures]
+    images = [picture.saved(out) for picture in pictures]
     _write(out / "report.html", page(title, findings, rows, pictures, images).encode())
     return records
 
@@ -106,21 +159,10 @@ def _write(path: Path, content: bytes) -> None:
     write_atomically(path, lambda file: file.write(content))
 
 
-def _saved(out: Path, picture: Picture) -> bytes:
-    images = {}
-    for kind in ("png", "svg"):
-        buffer = BytesIO()
-        picture.figure.savefig(buffer, format=kind, dpi=160)
-        picture.figure.set_layout_engine("none")  # as laid out by the first
-        images[kind] = buffer.getvalue()
-        _write(out / f"{picture.name}.{kind}", images[kind])
-    return images["png"]
-
-
 def page(
-    title: str, findings: Sequence[str], rows: Sequence[Row], pictures: Sequence[Picture], images: Sequence[bytes]
+    title: str, findings: Sequence[str], rows: Sequence[Row], pictures: Sequence[Shown], images: Sequence[Image]
 ) -> str:
-    """The page as HTML; `images` are the pictures as PNG."""
+    """The page as HTML; `images` are those of the pictures."""
     said = "".join(f"<p>{escape(finding)}</p>" for finding in findings)
     shown = "".join(_figure(picture, image) for picture, image in zip(pictures, images))
     groups = groupby(rows, key=lambda row: row.quantity)
@@ -128,10 +170,10 @@ def page(
     return PAGE.format(title=escape(title), findings=said, figures=shown, table=table)
 
 
-def _figure(picture: Picture, image: bytes) -> str:
+def _figure(picture: Shown, image: Image) -> str:
     caption = escape(picture.caption)
-    data = base64.b64encode(image).decode()
-    image_tag = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
+    data = base64.b64encode(image.content).decode()
+    image_tag = f'<img alt="{caption}" src="data:image/{image.kind};base64,{data}">'
     return f"<figure>{image_tag}<figcaption>{caption}</figcaption></figure>"
 
 
