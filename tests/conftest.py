@@ -21,7 +21,7 @@ with install_import_hook("sigmapoint", "beartype.beartype"):
     import sigmapoint
 
 # A compiled program takes some hundred of the 65,530 memory maps a process may have; past them the compiler crashes.
-MOST_MAPS = 40_000
+MOST_MAPS = 25_000
 MAPS = Path("/proc/self/maps")
 
 

@@ -1,13 +1,14 @@
 """The command line in-process: what it writes, and one clear message without a traceback for what is wrong."""
 
 import json
+import math
 import os
 import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -18,6 +19,7 @@ from typer.testing import CliRunner
 import sigmapoint as sp
 from sigmapoint.cli import app, modelfile, output
 from sigmapoint.cli.expressions import parse_method, parse_methods
+from sigmapoint.experiments.results import Claim, Row, publish
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MODEL = """
@@ -381,21 +383,24 @@ def test_lists_of_methods_with_gaps_or_twice_are_refused(files):
 
 @pytest.fixture
 def experiments(monkeypatch):
-    """An experiment that writes a file and returns one row."""
+    """Two that write a file and have one row; how often they ran."""
+    ran = []
 
     def run(runs, seed, out, quick, *data):
-        out.mkdir(parents=True)
+        ran.append(out.name)
+        out.mkdir(parents=True, exist_ok=True)
         (out / "data.txt").write_text(" ".join(map(str, data)))
-        (out / "results.json").write_text("[]")
         assert quick == (runs == 7)
-        return [{"experiment": "toy", "quantity": "error", "method": "UKF", "measured": 0.5, "runs": runs or 100}]
+        row = Row("toy", "error & slope", "UKF", 0.4, 0.5, math.nan, runs or 100)
+        claim = Claim("half is < one", {"0.5": True, "on all sides": None if out.name == "game" else True})
+        return publish(out, "A toy", claim, ["Nothing."], [row], [])
 
-    module = ModuleType("sigmapoint.experiments")
-    module.EXPERIMENTS = {
+    known = {
         name: SimpleNamespace(name=name, description=f"about {name}", run=run, data=data)
         for name, data in (("toy", ""), ("game", "two files"))
     }
-    monkeypatch.setitem(sys.modules, "sigmapoint.experiments", module)
+    monkeypatch.setattr("sigmapoint.experiments.EXPERIMENTS", known)
+    return ran
 
 
 def test_reproduce_lists_runs_and_says_where_files_are(experiments, tmp_path):
@@ -405,7 +410,29 @@ def test_reproduce_lists_runs_and_says_where_files_are(experiments, tmp_path):
     assert "toy/results.json" in shown.replace("\n", "")
     shutil.rmtree(tmp_path / "toy")
     invoke("reproduce", "--all", "--out", tmp_path)
-    assert {p.name for p in tmp_path.iterdir()} == {"toy", "game"}
+    files = {"index.html", "results.json", "results.md", "results.tex"}
+    assert {p.name for p in tmp_path.iterdir()} == {"toy", "game"} | files
+
+
+def test_reproduce_all_leaves_an_index_of_claims_and_takes_up_what_was_broken_off(experiments, tmp_path):
+    invoke("reproduce", "toy", "--out", tmp_path)
+    invoke("reproduce", "--all", "--resume", "--out", tmp_path)
+    assert experiments == ["toy", "game"]
+    index = (tmp_path / "index.html").read_text()
+    assert "1 of 2 claims reproduced: toy" in index
+    assert "half is &lt; one" in index
+    assert "not decided by these runs: on all sides" in index
+    assert 'href="game/report.html"' in index
+    assert r"toy & error \& slope & UKF & 0.4 & 0.5 & – \\" in (tmp_path / "results.tex").read_text()
+    assert "| game | error & slope | UKF | 0.4 | 0.5 | – | 100 |" in (tmp_path / "results.md").read_text()
+    assert len(json.loads((tmp_path / "results.json").read_text())) == 2
+    run = json.loads((tmp_path / "toy" / "run.json").read_text())
+    assert (run["seed"], run["runs"], run["quick"], run["data"]) == (0, None, False, None)
+    assert run["seconds"] >= 0
+    invoke("reproduce", "--all", "--resume", "--seed", 1, "--out", tmp_path)
+    (tmp_path / "toy" / "results.json").unlink()
+    invoke("reproduce", "--all", "--resume", "--seed", 1, "--out", tmp_path)
+    assert experiments == ["toy", "game", "toy", "game", "toy"]
 
 
 def test_reproduce_hands_a_folder_of_data_to_those_that_take_one(experiments, tmp_path):

@@ -154,7 +154,10 @@ def test_what_is_written_can_be_read(quick):
     for name in ("scalar-run", "scalar-methods"):
         assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert "<svg" in (out / f"{name}.svg").read_text()
-    assert len(list(out.iterdir())) == 6
+    claim = json.loads((out / "claim.json").read_text())
+    assert set(claim) == {"title", "claim", "holds", "verdict"}
+    assert f"<p>Claim: {claim['claim']}</p>" in page
+    assert len(list(out.iterdir())) == 7
 
 
 def test_one_run_is_refused(tmp_path):

@@ -27,13 +27,18 @@ def reproduce(
         typer.Option(metavar="DIR", help="Folder of real data, for those that simulate them otherwise; see --list."),
     ] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Each experiment writes into DIR/NAME.")] = Path("out"),
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Leave those that DIR has from a run to the end with the same options.")
+    ] = False,
     debug: Debug = False,
 ) -> None:
     """Run an experiment of the papers and put its numbers beside the published ones.
 
-    Each writes results.json, figures and report.html into DIR/NAME.
+    Each writes results.json, claim.json, run.json, figures and report.html into DIR/NAME; --all also index.html, with
+    every claim and what became of it, and the published numbers beside the measured ones as results.md and .tex.
     """
     from sigmapoint.experiments import EXPERIMENTS
+    from sigmapoint.experiments.campaign import Settings, conducted, finished, index
 
     console = Console()
     if show:
@@ -44,10 +49,15 @@ def reproduce(
     takers = _takers(data, chosen, {e.name: e.data for e in EXPERIMENTS.values()})
     folders = {experiment: folder(out / experiment) for experiment in chosen}
     for experiment in chosen:
-        with Console(stderr=True).status(f"running {experiment}"):
-            rows = EXPERIMENTS[experiment].run(runs, seed, folders[experiment], quick, *takers.get(experiment, ()))
+        settings = Settings(runs, seed, quick, str(data) if experiment in takers else None)
+        rows = finished(settings, folders[experiment]) if resume else None
+        if rows is None:
+            with Console(stderr=True).status(f"running {experiment}"):
+                rows = conducted(EXPERIMENTS[experiment], settings, folders[experiment])
         console.print(output.table(experiment, _shown(rows)))
         output.written(console, sorted(p for p in folders[experiment].iterdir() if p.is_file()))
+    if every:
+        output.written(console, index(out, chosen))
 
 
 def _known(name: str | None, names: list[str]) -> str:
@@ -60,11 +70,11 @@ def _known(name: str | None, names: list[str]) -> str:
     raise InputError(f"unknown experiment {name!r}.{hint} Experiments: {', '.join(names)}")
 
 
-def _takers(data: Path | None, chosen: Sequence[str], held: Mapping[str, str]) -> dict[str, tuple[Path]]:
-    """The folder of data, for those of the `chosen` that take one."""
+def _takers(data: Path | None, chosen: Sequence[str], held: Mapping[str, str]) -> list[str]:
+    """Those of the `chosen` that take a folder of data, where one is given."""
     if data is None:
-        return {}
-    takers: dict[str, tuple[Path]] = {name: (data,) for name in chosen if held[name]}
+        return []
+    takers = [name for name in chosen if held[name]]
     if not takers:
         named = ", ".join(name for name, what in held.items() if what) or "none"
         raise InputError(f"--data: {', '.join(chosen)} takes no folder of data; experiments that do: {named}")

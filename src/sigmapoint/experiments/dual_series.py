@@ -23,7 +23,7 @@ from matplotlib.ticker import MaxNLocator
 import sigmapoint as sp
 from sigmapoint.experiments.dual_series_runs import Curve, Epochs, Series, curve, known
 from sigmapoint.experiments.learning_figures import COLOURS
-from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish, row_of
+from sigmapoint.experiments.results import Claim, Mean, Picture, Row, decided, mean_of, positive, publish, row_of
 from sigmapoint.problems.noisy_series import NOISE
 
 RUNS, QUICK_RUNS = 10, 2
@@ -79,7 +79,14 @@ def run(task: Task, runs: int | None, seed: int, out: Path, quick: bool) -> list
             estimate(series, found[shown], shown),
         ),
     ]
-    return publish(out, task.title, findings(task, found, reached, samples), rows(task, found, reached), pictures)
+    return publish(
+        out,
+        task.title,
+        claim(task, found),
+        findings(task, found, reached, samples),
+        rows(task, found, reached),
+        pictures,
+    )
 
 
 def noisy(clean: Array, key: Array) -> Array:
@@ -116,6 +123,14 @@ def rows(task: Task, found: Found, reached: Curve) -> list[Row]:
         *(row("normalised MSE, last epoch, difference on the same runs", what, mean)
           for what, mean in claimed(task, found).items()),
     ]  # fmt: skip
+
+
+def claim(task: Task, found: Found) -> Claim:
+    """That of the paper."""
+    return Claim(
+        "superior performance of the UKF over the EKF, dual and joint",
+        {f"{what} by {_said(mean)}": positive(mean) for what, mean in claimed(task, found).items()},
+    )
 
 
 def findings(task: Task, found: Found, reached: Curve, samples: int) -> list[str]:

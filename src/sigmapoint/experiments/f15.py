@@ -23,7 +23,7 @@ from sigmapoint.experiments.f15_runs import found as found_by
 from sigmapoint.experiments.f15_runs import tracked as tracked_by
 from sigmapoint.experiments.f15_times import PIECE, Times
 from sigmapoint.experiments.f15_times import times as times_of
-from sigmapoint.experiments.results import Mean, Picture, Row, mean_of, publish, row_of
+from sigmapoint.experiments.results import Claim, Mean, Picture, Row, mean_of, publish, row_of
 from sigmapoint.methods import Method
 from sigmapoint.problems import f15 as problem
 from sigmapoint.problems.f15_mission import FAILURE, LEFT, STEPS, Flight, flights
@@ -90,6 +90,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
         return publish(
             out,
             "A flight simulator as the model: an F-15 whose stabilator fails",
+            claim(results),
             findings(results, failure),
             rows(results, count),
             pictures(flight, y, beliefs[SHOWN], failure),
@@ -117,6 +118,20 @@ def rows(results: Results, count: int) -> list[Row]:
                Mean(each.shortest, np.nan, len(each.one)), "other work of the machine only adds to a time")
           for name, each in times.items()),
     ]  # fmt: skip
+
+
+def claim(results: Results) -> Claim:
+    """That of the paper, with numbers to it."""
+    learned = results.found[SHOWN]
+    least = min((results.tracked[SHOWN].inside[state].mean(), state) for state in BARS)
+    return Claim(
+        "states and the failure of a stabilator are estimated together, the simulator being the model",
+        {
+            f"{least[1]} within two standard deviations {least[0]:.1%} of the time": bool(least[0] >= WANTED_INSIDE),
+            f"effectiveness within {CLOSE} of {LEFT} ten seconds after the failure in {learned.in_time.mean():.0%} of "
+            "the flights": bool(learned.in_time.all()),
+        },
+    )
 
 
 def findings(results: Results, failure: int) -> Sequence[str]:

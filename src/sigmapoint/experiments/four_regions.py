@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 import sigmapoint as sp
 from sigmapoint.experiments.learning_curves import Curves, curves, once
 from sigmapoint.experiments.learning_figures import learning, maps
-from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish, row_of
+from sigmapoint.experiments.results import Claim, Mean, Picture, Row, decided, mean_of, positive, publish, row_of
 from sigmapoint.learning.learner import Learner
 from sigmapoint.learning.state import LearnerState
 from sigmapoint.methods import Method
@@ -84,6 +84,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
     return publish(
         out,
         "Four interlocking regions: a 2-10-10-4 network trained by Kalman filters",
+        claim(found),
         findings(found),
         rows(found),
         [
@@ -149,6 +150,18 @@ def rows(found: Mapping[str, Curves]) -> list[Row]:
         Row("four-regions", "largest difference between dense and square root, relative, first epoch", "SR-UKF", None,
             float(apart), None, len(found["UKF"].test), "of the squared error"),
     ]  # fmt: skip
+
+
+def claim(found: Mapping[str, Curves]) -> Claim:
+    """That of the papers."""
+    final, along = gain(found, "UKF", "EKF", -1), gain(found, "UKF", "EKF")
+    return Claim(
+        "superior performance of the UKF over the EKF",
+        {
+            f"told right more often in the last epoch by {_percent(final)}": positive(final),
+            f"over all epochs by {_percent(along)}": positive(along),
+        },
+    )
 
 
 def findings(found: Mapping[str, Curves]) -> Sequence[str]:

@@ -22,7 +22,18 @@ from jaxtyping import Array, Float
 
 import sigmapoint as sp
 from sigmapoint.experiments.mackey_glass_figures import scores, stretch
-from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish, row_of
+from sigmapoint.experiments.results import (
+    Claim,
+    Mean,
+    Picture,
+    Row,
+    decided,
+    mean_of,
+    plus_minus,
+    positive,
+    publish,
+    row_of,
+)
 from sigmapoint.filtering import scan
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
@@ -89,7 +100,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
         Picture("mackey-glass", first, stretch(found.clean[0], found.noisy[0], found.mean)),
         Picture("mackey-glass-errors", every, scores({n: mean_of(found.errors(n)) for n in found.mean}, found.seconds)),
     ]
-    return publish(out, "A chaotic series through noise", findings(found), rows(found), pictures)
+    return publish(out, "A chaotic series through noise", claim(found), findings(found), rows(found), pictures)
 
 
 def measured(runs: int, seed: int, quick: bool) -> Found:
@@ -161,6 +172,16 @@ def rows(found: Found) -> list[Row]:
         *(Row("mackey-glass", "time of a step of the SR-UKF over that of this", other, published, *ratios(found, other),
               timed) for other, published in PUBLISHED.items()),
     ]  # fmt: skip
+
+
+def claim(found: Found) -> Claim:
+    """That about errors; the times are beside it."""
+    furthest, gains = max(apart(found).values()), {name: found.gain("EKF", name) for name in ("UKF", "SR-UKF")}
+    return Claim(
+        "SR-UKF and UKF cannot be told apart, and are both superior to the EKF",
+        {f"estimates of square-root and dense form differ by at most {furthest:.1e}": furthest < SAME}
+        | {f"{name} below the EKF by {plus_minus(gain)}": positive(gain) for name, gain in gains.items()},
+    )
 
 
 def findings(found: Found) -> Sequence[str]:

@@ -21,7 +21,18 @@ from matplotlib.figure import Figure
 import sigmapoint as sp
 from sigmapoint.experiments.learning_curves import Curves, curves, orders
 from sigmapoint.experiments.learning_figures import learning
-from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish, row_of
+from sigmapoint.experiments.results import (
+    Claim,
+    Mean,
+    Picture,
+    Row,
+    decided,
+    mean_of,
+    plus_minus,
+    positive,
+    publish,
+    row_of,
+)
 from sigmapoint.learning.drift import Drift
 from sigmapoint.learning.learner import Learner
 from sigmapoint.methods import Method
@@ -73,7 +84,7 @@ def run(task: Task, runs: int | None, seed: int, out: Path, quick: bool) -> list
         Picture(f"{task.name}-noise", f"As Figure 7.9: {UKF}, four choices of process noise. {said}.", drawn(noises)),
         Picture(f"{task.name}-filters", f"As Figure 7.8: {ROBBINS_MONRO}, several filters. {said}.", drawn(filters)),
     ]
-    return publish(out, task.title, findings(found), rows(task, found), pictures)
+    return publish(out, task.title, claim(found), findings(found), rows(task, found), pictures)
 
 
 def trained(task: Task, runs: int, epochs: int, whole: Sequence[str], key: Array) -> Found:
@@ -150,6 +161,18 @@ def rows(task: Task, found: Found) -> list[Row]:
           for what, measure in MEASURES.items() for name, mean in others(found, measure).items()),
         *(row("NIS in the last epoch", ", ".join(key), mean_of(c.nis[:, -1])) for key, c in found.items()),
     ]  # fmt: skip
+
+
+def claim(found: Found) -> Claim:
+    """That of the papers about the process noise."""
+    return Claim(
+        f"{ROBBINS_MONRO} is the fastest process noise, and ends lowest",
+        {
+            f"{what} against {name} by {plus_minus(gain)} (log10)": positive(gain)
+            for what, measure in CLAIMS.items()
+            for name, gain in rivals(found, measure, UKF).items()
+        },
+    )
 
 
 def findings(found: Found) -> Sequence[str]:

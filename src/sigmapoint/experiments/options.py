@@ -36,7 +36,18 @@ from sigmapoint.experiments.options_runs import (
     of_the_authors,
     simulated,
 )
-from sigmapoint.experiments.options_table import EXACT, KINDS, PROPOSING, SHOWN, TABLE, TRIVIAL, Results, findings, rows
+from sigmapoint.experiments.options_table import (
+    EXACT,
+    KINDS,
+    PROPOSING,
+    SHOWN,
+    TABLE,
+    TRIVIAL,
+    Results,
+    claim,
+    findings,
+    rows,
+)
 from sigmapoint.experiments.results import Picture, publish
 from sigmapoint.problems import options
 
@@ -84,6 +95,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool, data: Path | None =
     return publish(
         out,
         "Options on an index: rate and volatility from prices",
+        claim(markets, found),
         findings(markets, found),
         rows(
             markets,

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sigmapoint.experiments.options_runs import JUDGED, Found, Markets, errors, trivial
-from sigmapoint.experiments.results import Mean, Row, mean_of
+from sigmapoint.experiments.results import Claim, Mean, Row, mean_of, plus_minus, positive
 
 TRIVIAL, SHOWN = "trivial", "UKF"
 TABLE = 2925
@@ -98,6 +98,37 @@ def _row(quantity: str, method: str, samples: np.ndarray, note: str = "", publis
     return Row("options", quantity, method, published, mean.value, mean.spread, mean.runs, note)
 
 
+def claim(markets: Markets, found: Results) -> Claim:
+    """Table 7.2, for real prices; for simulated ones its order."""
+    score = scores(markets, found, TABLE)
+    if not markets.real:
+        gains = {kind: mean_of(score[AHEAD][TRIVIAL][:, i] - score[AHEAD][SHOWN][:, i]) for i, kind in enumerate(KINDS)}
+        return Claim(
+            "(in simulated markets) the filter's prices are nearer than those of the day before",
+            {f"{kind}: by {plus_minus(gain)}": positive(gain) for kind, gain in gains.items()},
+        )
+    return Claim(
+        "Table 7.2",
+        {
+            f"{kind}, {name} {measured:.4f} (published {value:.3f})": close
+            for i, kind in enumerate(KINDS)
+            for name, (measured, value, close) in cells(score, i).items()
+        },
+    )
+
+
+def cells(score: Scores, i: int) -> dict[str, tuple[float, float, bool]]:
+    """Of one kind: measured, published, and whether they are within 10 % or 0.001 of each other."""
+    each = {
+        name: (float(score[when][name][:, i].mean()), value)
+        for when in (AHEAD, DRAWN)
+        for name, value in PUBLISHED[when, KINDS[i]].items()
+    }
+    return {
+        name: (found, value, abs(found - value) <= max(0.001, 0.1 * value)) for name, (found, value) in each.items()
+    }
+
+
 def findings(markets: Markets, found: Results) -> Sequence[str]:
     """What came out, in words."""
     score = scores(markets, found, TABLE)
@@ -110,12 +141,9 @@ def printed(score: Scores) -> Sequence[str]:
     """What became of Table 7.2."""
     said = []
     for i, kind in enumerate(KINDS):
-        each = {
-            name: (score[when][name][:, i].mean(), value)
-            for when in (AHEAD, DRAWN) for name, value in PUBLISHED[when, kind].items()
-        }  # fmt: skip
-        far = [name for name, (measured, value) in each.items() if abs(measured - value) > max(0.001, 0.1 * value)]
-        numbers = ", ".join(f"{name} {measured:.4f} ({value:.3f})" for name, (measured, value) in each.items())
+        each = cells(score, i)
+        far = [name for name, (_, _, close) in each.items() if not close]
+        numbers = ", ".join(f"{name} {measured:.4f} ({value:.3f})" for name, (measured, value, _) in each.items())
         said.append(
             f"Table 7.2, {kind}, strike {TABLE}, errors measured (published), those of PF-EKF and UPF of the draws: "
             f"{numbers}. Within 10 % or 0.001: {'reproduced' if not far else 'all but ' + ', '.join(far)}."

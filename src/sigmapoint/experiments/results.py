@@ -1,17 +1,14 @@
-"""What an experiment leaves behind: `results.json`, figures as PNG and SVG, and a self-contained `report.html`.
+"""What an experiment leaves behind: `results.json`, `claim.json`, figures, and a self-contained `report.html`.
 
 A row of `results.json` has the keys `experiment, quantity, method, published, measured, spread, runs, note`:
 `published` is null where the paper prints no number, `spread` is the standard error of `measured` over `runs` runs.
 A number that is not finite becomes null.
 """
 
-import base64
 import json
 import math
-from collections.abc import Sequence
-from html import escape
+from collections.abc import Mapping, Sequence
 from io import BytesIO
-from itertools import groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, Protocol
@@ -20,6 +17,7 @@ import numpy as np
 from matplotlib.animation import Animation, PillowWriter
 from matplotlib.figure import Figure
 
+from sigmapoint.experiments.page import Image, page
 from sigmapoint.storage import write_atomically
 
 
@@ -34,14 +32,6 @@ class Row(NamedTuple):
     spread: float | None
     runs: int
     note: str = ""
-
-
-class Image(NamedTuple):
-    """What a browser shows."""
-
-    kind: str
-    """`png` or `gif`"""
-    content: bytes
 
 
 class Shown(Protocol):
@@ -95,6 +85,28 @@ class Film(NamedTuple):
         return Image("gif", content)
 
 
+class Claim(NamedTuple):
+    """What was claimed, and what became of it."""
+
+    said: str
+    """in words"""
+    parts: Mapping[str, bool | None]
+    """each statement that it comes to, with what was measured; whether it holds, None where runs do not decide"""
+
+    @property
+    def holds(self) -> bool | None:
+        """All of it; None where a part is not decided and none fails."""
+        if False in self.parts.values():
+            return False
+        return None if None in self.parts.values() else True
+
+    @property
+    def verdict(self) -> str:
+        """In words, with the parts that decide it."""
+        word = {True: "reproduced", False: "not reproduced, because", None: "not decided by these runs"}[self.holds]
+        return f"{word}: {'; '.join(part for part, holds in self.parts.items() if holds is self.holds)}"
+
+
 class Mean(NamedTuple):
     """A mean over runs with its standard error."""
 
@@ -116,22 +128,31 @@ def mean_of(samples: np.ndarray) -> Mean:
     return Mean(float(kept.mean()), float(kept.std(ddof=1) / math.sqrt(kept.size)), kept.size)
 
 
+def positive(gain: Mean) -> bool | None:
+    """Whether this is, by three standard errors; None where that is not decided."""
+    return gain.value > 0 if abs(gain.value) > 3 * gain.spread else None
+
+
 def decided(gain: Mean) -> str:
-    """What became of a claim that this is positive, by three standard errors."""
-    if not abs(gain.value) > 3 * gain.spread:
-        return "not decided by these runs"
-    return "reproduced" if gain.value > 0 else "contradicted"
+    """What became of a claim that this is positive, in words."""
+    return {True: "reproduced", False: "contradicted", None: "not decided by these runs"}[positive(gain)]
+
+
+def plus_minus(mean: Mean, form: str = ".3g") -> str:
+    """A mean and its standard error."""
+    return f"{mean.value:{form}} ± {mean.spread:.1g}"
 
 
 def publish(
-    out: Path, title: str, findings: Sequence[str], rows: Sequence[Row], pictures: Sequence[Shown]
+    out: Path, title: str, claim: Claim, findings: Sequence[str], rows: Sequence[Row], pictures: Sequence[Shown]
 ) -> list[dict[str, Any]]:
     """Write results, figures and page into the folder `out` (made if need be); returns the rows as written.
 
     Args:
         out: the folder.
         title: of the page.
-        findings: paragraphs in plain words, each one statement, before everything else on the page.
+        claim: of the paper, or ours, first on the page.
+        findings: paragraphs in plain words, each one statement, after it.
         rows: the numbers, those of one quantity next to each other.
         pictures: the figures and films, in order.
 
@@ -142,8 +163,12 @@ def publish(
     records = [_record(row) for row in rows]
     text = json.dumps(records, indent=1, ensure_ascii=False, allow_nan=False)
     _write(out / "results.json", text.encode())
+    said = {"title": title, "claim": claim.said, "holds": claim.holds, "verdict": claim.verdict}
+    _write(out / "claim.json", json.dumps(said, indent=1, ensure_ascii=False).encode())
     images = [picture.saved(out) for picture in pictures]
-    _write(out / "report.html", page(title, findings, rows, pictures, images).encode())
+    about = (f"Claim: {claim.said}", claim.verdict[0].upper() + claim.verdict[1:] + ".", *findings)
+    captions = [picture.caption for picture in pictures]
+    _write(out / "report.html", page(title, about, [row._asdict() for row in rows], captions, images).encode())
     return records
 
 
@@ -157,73 +182,3 @@ def _finite(value: object) -> object:
 
 def _write(path: Path, content: bytes) -> None:
     write_atomically(path, lambda file: file.write(content))
-
-
-def page(
-    title: str, findings: Sequence[str], rows: Sequence[Row], pictures: Sequence[Shown], images: Sequence[Image]
-) -> str:
-    """The page as HTML; `images` are those of the pictures."""
-    said = "".join(f"<p>{escape(finding)}</p>" for finding in findings)
-    shown = "".join(_figure(picture, image) for picture, image in zip(pictures, images))
-    groups = groupby(rows, key=lambda row: row.quantity)
-    table = "".join(_group(quantity, list(group)) for quantity, group in groups)
-    return PAGE.format(title=escape(title), findings=said, figures=shown, table=table)
-
-
-def _figure(picture: Shown, image: Image) -> str:
-    caption = escape(picture.caption)
-    data = base64.b64encode(image.content).decode()
-    image_tag = f'<img alt="{caption}" src="data:image/{image.kind};base64,{data}">'
-    return f"<figure>{image_tag}<figcaption>{caption}</figcaption></figure>"
-
-
-def _group(quantity: str, rows: Sequence[Row]) -> str:
-    lines = "".join(
-        f"<tr><td>{escape(row.method)}</td><td class=n>{number(row.published)}</td>"
-        f"<td class=n>{number(row.measured)}{_plus_minus(row.spread)}</td>"
-        f"<td class=n>{row.runs:,}</td><td class=note>{escape(row.note)}</td></tr>"
-        for row in rows
-    )
-    return f"<tbody><tr><th colspan=5>{escape(quantity)}</th></tr>{lines}</tbody>"
-
-
-def number(value: float | None) -> str:
-    """Four significant digits; a dash where there is none."""
-    return "–" if value is None or not math.isfinite(value) else f"{value:.4g}".replace("-", "−")
-
-
-def _plus_minus(spread: float | None) -> str:
-    return "" if spread is None or not math.isfinite(spread) else f" <small>± {spread:.2g}</small>"
-
-
-PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>
-body {{ font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff }}
-body {{ max-width: 72rem; margin: auto; padding: 1rem }}
-h1 {{ font-size: 1.5rem; line-height: 1.25 }}
-p {{ max-width: 46rem }}
-figure {{ margin: 2rem 0 }}
-img {{ max-width: 100%; height: auto }}
-figcaption {{ color: #555; max-width: 46rem }}
-.wide {{ overflow-x: auto }}
-table {{ border-collapse: collapse; font-variant-numeric: tabular-nums }}
-th, td {{ text-align: left; vertical-align: top; padding: .25rem .75rem .25rem 0; border-bottom: 1px solid #e5e5e5 }}
-tbody th {{ padding-top: 1.25rem; border-bottom: 2px solid #999 }}
-.n {{ text-align: right }}
-.n, td:first-child {{ white-space: nowrap }}
-.note {{ color: #555; font-size: .85rem; min-width: 12rem }}
-small {{ color: #555 }}
-@media (max-width: 40rem) {{ body {{ font-size: 15px; padding: .75rem }} th, td {{ padding-right: .5rem }} }}
-</style></head><body>
-<h1>{title}</h1>
-{findings}
-{figures}
-<div class="wide"><table>
-<thead><tr><td>method</td><td class=n>published</td><td class=n>measured ± standard error</td><td class=n>runs</td>
-<td>note</td></tr></thead>
-{table}
-</table></div>
-</body></html>
-"""

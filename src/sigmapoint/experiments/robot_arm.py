@@ -22,7 +22,18 @@ import numpy as np
 import sigmapoint as sp
 from sigmapoint.experiments.learning_curves import Curves, curves, orders
 from sigmapoint.experiments.learning_figures import learning
-from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish, row_of
+from sigmapoint.experiments.results import (
+    Claim,
+    Mean,
+    Picture,
+    Row,
+    decided,
+    mean_of,
+    plus_minus,
+    positive,
+    publish,
+    row_of,
+)
 from sigmapoint.learning.drift import Drift
 from sigmapoint.learning.learner import Learner
 from sigmapoint.methods import Method
@@ -78,6 +89,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
     return publish(
         out,
         "MacKay's robot arm: a 2-12-2 network trained by Kalman filters",
+        claim(found),
         findings(found),
         [row for name, each in found.items() for row in rows(name, each)] + apart(found[EXACT]),
         pictures,
@@ -134,6 +146,15 @@ def apart(found: dict[str, Curves]) -> list[Row]:
 def mean_count(found: dict[str, Curves]) -> int:
     """Number of runs."""
     return len(next(iter(found.values())).test)
+
+
+def claim(found: dict[str, dict[str, Curves]]) -> Claim:
+    """That of the papers about the end of the curves."""
+    gains = {drift: mean_of(each["EKF"].test[:, -1] - each["UKF"].test[:, -1]) for drift, each in found.items()}
+    return Claim(
+        "the UKF ends slightly lower than the EKF",
+        {f"{drift}: lower by {plus_minus(gain, '.1e')}": positive(gain) for drift, gain in gains.items()},
+    )
 
 
 def findings(found: dict[str, dict[str, Curves]]) -> Sequence[str]:

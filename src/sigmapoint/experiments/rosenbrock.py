@@ -15,7 +15,7 @@ import jax
 import numpy as np
 
 import sigmapoint as sp
-from sigmapoint.experiments.results import Picture, Row, mean_of, publish
+from sigmapoint.experiments.results import Claim, Picture, Row, mean_of, plus_minus, publish
 from sigmapoint.experiments.rosenbrock_figures import valley
 from sigmapoint.experiments.rosenbrock_searches import UPDATES, Search, bfgs, filtered, levenberg_marquardt
 from sigmapoint.learning.drift import Drift
@@ -58,6 +58,8 @@ QUANTITIES: dict[str, Callable[[Search], float]] = {
 }
 NOTES = {name: note for name, (_, note) in {**FILTERS, **SEARCHES}.items()}
 
+COMPARABLE = 1.5
+"""times as many values are still that"""
 Found = dict[str, list[Search]]
 
 
@@ -77,6 +79,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
     return publish(
         out,
         "Rosenbrock's valley: parameters of an error whose target is zero",
+        claim(found),
         findings(found, others),
         rows(found, others),
         [Picture("rosenbrock", caption, valley({name: found[name] for name in SHOWN}, found))],
@@ -123,6 +126,24 @@ def _over(quantity: str, name: str, searches: list[Search], of: Callable[[Search
     if not reached.all():
         note += f"; least f of the others: {min(s.least for s, there in zip(searches, reached) if not there):.1g}"
     return Row("rosenbrock", quantity, name, None, mean.value, mean.spread, mean.runs, note)
+
+
+def claim(found: Found) -> Claim:
+    """That of the paper."""
+    updates = mean_of(np.array([a.iterations - b.iterations for a, b in zip(found[UKF][1:], found["EKF"][1:])]))
+    values = {
+        name: mean_of(np.array([s.values for s in found[name][1:]]))
+        for name in (UKF, "Levenberg-Marquardt, differences")
+    }
+    ukf, differences = values.values()
+    return Claim(
+        "EKF and UKF are indistinguishable, and comparable or superior to Levenberg-Marquardt",
+        {
+            f"updates of the UKF minus those of the EKF: {plus_minus(updates)}": abs(updates.value) < 1,
+            f"values of the function: UKF {plus_minus(ukf)}, Levenberg-Marquardt with differences "
+            f"{plus_minus(differences)}": ukf.value < COMPARABLE * differences.value,
+        },
+    )
 
 
 def findings(found: Found, others: Found) -> Sequence[str]:

@@ -27,7 +27,7 @@ from matplotlib.figure import Figure
 
 import sigmapoint as sp
 from sigmapoint.experiments.learning_figures import COLOURS
-from sigmapoint.experiments.results import Mean, Picture, Row, decided, mean_of, publish
+from sigmapoint.experiments.results import Claim, Mean, Picture, Row, decided, mean_of, plus_minus, positive, publish
 from sigmapoint.experiments.smoother_stages import B, F, Linearised, S, Samplewise, Whole
 from sigmapoint.filtering import scan
 from sigmapoint.methods import Method
@@ -92,7 +92,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
         Picture("smoother", f"Normalised mean squared errors, forward, backward, smoothed. {said}", figure_of(found))
     ]
     rows = [row for task in tasks for row in rows_of(task, found[task.name])]
-    return publish(out, "Smoothers of noisy chaotic series", findings(found), rows, pictures)
+    return publish(out, "Smoothers of noisy chaotic series", claim(found), findings(found), rows, pictures)
 
 
 def smoothers(nets: Networks, initial: sp.Gaussian) -> dict[str, tuple[Method, Any]]:
@@ -175,17 +175,34 @@ def gain(found: Errors, worse: tuple[str, str], better: tuple[str, str]) -> Mean
     return mean_of(found[worse[0]][worse[1]] - found[better[0]][better[1]])
 
 
+CLAIMS = {
+    "UKS smoothed below its own forward filter": (("UKS", F), ("UKS", S)),
+    "UKS below EKS1, smoothed": (("EKS1", S), ("UKS", S)),
+    "UKS below EKS2, smoothed": (("EKS2", S), ("UKS", S)),
+    "the unscented filter below the extended one, forward": (("EKS1", F), ("UKS", F)),
+}
+"""worse and better"""
+
+
+def claim(found: Mapping[str, Errors]) -> Claim:
+    """The order of the papers' table."""
+    return Claim(
+        "the unscented smoother is better than either extended one, and than its own forward filter",
+        {
+            f"{name}: {what} by {plus_minus(mean)}": positive(mean)
+            for name, each in found.items()
+            for what, (worse, better) in CLAIMS.items()
+            for mean in (gain(each, worse, better),)
+        },
+    )
+
+
 def findings(found: Mapping[str, Errors]) -> Sequence[str]:
     """What became of the claims, in words."""
     said = []
     for name, each in found.items():
         less = partial(gain, each)
-        claims = {
-            "UKS smoothed below its own forward filter": less(("UKS", F), ("UKS", S)),
-            "UKS below EKS1, smoothed": less(("EKS1", S), ("UKS", S)),
-            "UKS below EKS2, smoothed": less(("EKS2", S), ("UKS", S)),
-            "the unscented filter below the extended one, forward": less(("EKS1", F), ("UKS", F)),
-        }
+        claims = {what: less(worse, better) for what, (worse, better) in CLAIMS.items()}
         said += [
             f"{name}: {claim}: {decided(mean)} (by {mean.value:.3f} ± {mean.spread:.3f})."
             for claim, mean in claims.items()

@@ -1,0 +1,158 @@
+"""Several experiments in turn: what was done before is left, and an index page puts all beside each other.
+
+Beside what an experiment leaves (`results`) there is `run.json`: its settings, its time, and the versions that ran.
+Above all folders are `index.html`, `results.json` with every row, and the numbers that the papers print as `results.md`
+and `results.tex`.
+"""
+
+import json
+import platform
+import time
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from sigmapoint.experiments import Experiment
+from sigmapoint.experiments.page import framed, number
+from sigmapoint.storage import write_atomically
+
+PACKAGES = ("sigmapoint", "jax", "jaxlib", "numpy", "scipy")
+FILES = ("claim.json", "results.json", "report.html", "run.json")
+"""Of an experiment that came to its end."""
+
+
+class Settings(NamedTuple):
+    """What an experiment is run with."""
+
+    runs: int | None
+    """None: the experiment's own number"""
+    seed: int
+    quick: bool
+    data: str | None
+    """folder of real data"""
+
+
+def conducted(experiment: Experiment, settings: Settings, out: Path) -> list[dict[str, Any]]:
+    """Run an experiment in its folder, and note how; its rows."""
+    folder = () if settings.data is None else (Path(settings.data),)
+    (out / "run.json").unlink(missing_ok=True)
+    begin = time.perf_counter()
+    rows = experiment.run(settings.runs, settings.seed, out, settings.quick, *folder)
+    versions = {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+    done = {**settings._asdict(), "seconds": time.perf_counter() - begin, "versions": versions}
+    _write(out / "run.json", json.dumps(done, indent=1))
+    return rows
+
+
+def finished(settings: Settings, out: Path) -> list[dict[str, Any]] | None:
+    """The rows of an experiment that was run to its end with these settings; nothing of any other."""
+    if not all((out / name).is_file() for name in FILES):
+        return None
+    done = _read(out / "run.json")
+    return (
+        _read(out / "results.json")
+        if {name: done.get(name) for name in settings._fields} == settings._asdict()
+        else None
+    )
+
+
+class Done(NamedTuple):
+    """What is in the folder of one experiment."""
+
+    name: str
+    claim: Mapping[str, Any]
+    run: Mapping[str, Any]
+    rows: Sequence[Mapping[str, Any]]
+
+    @classmethod
+    def of(cls, name: str, out: Path) -> "Done":
+        return cls(name, *(_read(out / name / f"{part}.json") for part in ("claim", "run", "results")))
+
+    @property
+    def printed(self) -> list[Mapping[str, Any]]:
+        """Rows of which the papers print a number."""
+        return [row for row in self.rows if row["published"] is not None]
+
+
+def index(out: Path, names: Sequence[str]) -> list[Path]:
+    """Write the index of the experiments in these folders of `out`; the files written."""
+    every = [Done.of(name, out) for name in names]
+    rows = [row for done in every for row in done.rows]
+    files = {
+        "index.html": framed("The papers' experiments", _index(every)),
+        "results.json": json.dumps(rows, indent=1, ensure_ascii=False),
+        "results.md": _markdown(every),
+        "results.tex": _latex(every),
+    }
+    return [_write(out / name, text) for name, text in files.items()]
+
+
+def _index(every: Sequence[Done]) -> str:
+    held = [done for done in every if done.claim["holds"]]
+    said = f"<p>{len(held)} of {len(every)} claims reproduced: {escape(', '.join(d.name for d in held)) or 'none'}.</p>"
+    return said + "".join(_section(done) for done in every)
+
+
+def _section(done: Done) -> str:
+    shown = done.rows if len(done.printed) == 0 else done.printed
+    lines = "".join(
+        f"<tr><td>{escape(row['quantity'])}</td><td>{escape(row['method'])}</td><td class=n>{number(row['published'])}"
+        f"</td><td class=n>{number(row['measured'])}</td><td class=n>{number(row['spread'])}</td></tr>"
+        for row in shown[:MOST]
+    )
+    more = f"<p><small>{len(shown) - MOST} more on its page.</small></p>" if len(shown) > MOST else ""
+    run, claim = done.run, done.claim
+    how = f"{run['seconds']:.0f} s, seed {run['seed']}{', quick' if run['quick'] else ''}"
+    versions = ", ".join(f"{name} {one}" for name, one in run["versions"].items())
+    return (
+        f'<h2><a href="{done.name}/report.html">{done.name}</a></h2><p>{escape(claim["title"])}.</p>'
+        f"<p>Claim: {escape(claim['claim'])}</p>"
+        f"<p><strong>{escape(claim['verdict'])}</strong>.</p>"
+        f'<div class="wide"><table>{HEAD}{lines}</table></div>{more}'
+        f"<p><small>{escape(how)}; {escape(versions)}</small></p>"
+    )
+
+
+def _markdown(every: Sequence[Done]) -> str:
+    lines = ["| experiment | quantity | method | published | measured | ± | runs |", "|---|---|---|---|---|---|---|"]
+    lines += [
+        f"| {done.name} | {row['quantity']} | {row['method']} | {number(row['published'])} | "
+        f"{number(row['measured'])} | {number(row['spread'])} | {row['runs']} |"
+        for done in every
+        for row in done.printed
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _latex(every: Sequence[Done]) -> str:
+    lines = [
+        " & ".join(map(_tex, (done.name, row["quantity"], row["method"])))
+        + f" & {number(row['published'])} & {number(row['measured'])} & {number(row['spread'])} \\\\"
+        for done in every
+        for row in done.printed
+    ]
+    head = r"experiment & quantity & method & published & measured & $\pm$ \\"
+    return "\n".join([r"\begin{tabular}{lllrrr}", head, r"\hline", *lines, r"\end{tabular}"]) + "\n"
+
+
+def _tex(text: str) -> str:
+    return "".join(f"\\{c}" if c in "&%$#_{}" else c for c in text)
+
+
+def _read(path: Path) -> Any:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def _write(path: Path, text: str) -> Path:
+    write_atomically(path, lambda file: file.write(text.encode()))
+    return path
+
+
+MOST = 30
+"""rows of one experiment on the index"""
+HEAD = (
+    "<thead><tr><td>quantity</td><td>method</td><td class=n>published</td><td class=n>measured</td><td class=n>±</td>"
+    "</tr></thead>"
+)
