@@ -7,11 +7,9 @@ Normalised innovations are divided by the number of elements that were measured,
 of sensors: NIS is χ² with as many degrees of freedom (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
 """
 
-import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -25,6 +23,7 @@ from sigmapoint.model import StateSpaceModel
 from sigmapoint.recipe import MAKER, Recipe
 from sigmapoint.results import Posterior, field
 from sigmapoint.smoothing.smoother import smooth as smoothed
+from sigmapoint.timing import clocked
 
 Row = dict[str, Any]
 
@@ -75,14 +74,10 @@ def _line(cells: list[str], widths: list[int], left: list[bool]) -> str:
 
 def timed(run: Callable[[], Posterior]) -> tuple[Posterior, float, float]:
     """The result of `run`, seconds of a warm call, and how much longer the first call took."""
-    begin = time.perf_counter()
-    post = jax.block_until_ready(run())
-    first = time.perf_counter() - begin
+    post, first = clocked(run)
     warm: list[float] = []
     while len(warm) < WARM_CALLS and sum(warm) < WARM_SECONDS:
-        begin = time.perf_counter()
-        jax.block_until_ready(run())
-        warm.append(time.perf_counter() - begin)
+        warm.append(clocked(run)[1])
     return post, min(warm), max(first - min(warm), 0.0)
 
 

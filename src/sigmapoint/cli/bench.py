@@ -18,6 +18,7 @@ from sigmapoint.cli.errors import InputError, blaming, folder, guarded
 from sigmapoint.cli.expressions import parse_methods
 from sigmapoint.cli.run import ALL_METHODS, Data, Debug, Float32, Methods, Model, Out
 from sigmapoint.recipe import Recipe
+from sigmapoint.timing import clocked
 
 KEEP = ("mean", "std")
 SEED = 0
@@ -73,7 +74,7 @@ def _first(problem: modelfile.Problem, name: str, method: Recipe) -> tuple[dict[
     row: dict[str, Any] = {"method": name, "note": ""}
     runs = _runs(problem, method)
     try:
-        row |= {"first call s": _seconds(runs["filter"]), **_live(problem, method)}
+        row |= {"first call s": clocked(runs["filter"])[1], **_live(problem, method)}
     except ValueError as error:
         return row | {"note": str(error)}, {}
     for kind in ("smoother", "gradient"):
@@ -94,14 +95,8 @@ def _in_turn(
         each(f"run {k + 1} of {repetitions}")
         for name, own in runs.items():
             for kind, run in own.items():
-                times[name][kind].append(_seconds(run) / len(problem.y) * 1e6)
+                times[name][kind].append(clocked(run)[1] / len(problem.y) * 1e6)
     return times
-
-
-def _seconds(run: Callable[[], Any]) -> float:
-    begin = time.perf_counter()
-    run()
-    return time.perf_counter() - begin
 
 
 def _runs(problem: modelfile.Problem, method: Recipe) -> Runs:

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-import jax
 import numpy as np
 import typer
 from rich.console import Console
@@ -20,6 +19,7 @@ from sigmapoint.problems.battery_case import WRONG_BY, Case, leaf
 from sigmapoint.problems.battery_evaluation import SETTLED, evaluate
 from sigmapoint.recipe import Recipe
 from sigmapoint.results import Posterior, field
+from sigmapoint.timing import clocked
 
 SEED = 0
 """For methods that draw."""
@@ -46,9 +46,9 @@ class Estimated(NamedTuple):
 
 def estimate(case: Case, method: Recipe) -> Estimated:
     """Filter the run and judge it from 30 minutes on."""
-    begin = time.perf_counter()
-    post = jax.block_until_ready(sp.filter(case.model, case.y, case.u, method, key=SEED))
-    return Estimated(post, time.perf_counter() - begin, evaluate(post, case.log, case.reference))
+    post: Any
+    post, seconds = clocked(lambda: sp.filter(case.model, case.y, case.u, method, key=SEED))
+    return Estimated(post, seconds, evaluate(post, case.log, case.reference))
 
 
 def scores(results: Mapping[str, Estimated]) -> list[dict[str, Any]]:

@@ -1,11 +1,8 @@
 """`sigmapoint run MODEL.py DATA`: estimate the states of a model from logged data."""
 
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
-import jax
 import numpy as np
 import typer
 from rich.console import Console
@@ -17,6 +14,7 @@ from sigmapoint.cli.errors import blaming, folder, guarded
 from sigmapoint.cli.expressions import parse_method
 from sigmapoint.comparison import STANDARD
 from sigmapoint.results import Posterior, field
+from sigmapoint.timing import clocked
 
 Model = Annotated[Path, typer.Argument(metavar="MODEL.py", help="Has `model` or `build(u, time)`, and `measurements`.")]
 Data = Annotated[Path, typer.Argument(metavar="DATA", help="Logged data: .csv, .csv.gz or .parquet, one row a sample.")]
@@ -73,13 +71,6 @@ def run(
     console.print(output.table("last row", rows))
     console.print(output.table("run", [overview(post, method, seconds)]))
     output.written(console, paths)
-
-
-def clocked(work: Callable[[], Posterior]) -> tuple[Posterior, float]:
-    """The result, and the seconds it took (compilation included)."""
-    begin = time.perf_counter()
-    post = jax.block_until_ready(work())
-    return post, time.perf_counter() - begin
 
 
 def frame_of(post: Posterior, clock: Clock) -> Any:

@@ -7,7 +7,6 @@ and `results.tex`.
 
 import json
 import platform
-import time
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.metadata import version
@@ -17,6 +16,7 @@ from typing import Any, NamedTuple
 from sigmapoint.experiments import Experiment
 from sigmapoint.experiments.page import framed, number
 from sigmapoint.storage import write_atomically
+from sigmapoint.timing import clocked
 
 PACKAGES = ("sigmapoint", "jax", "jaxlib", "numpy", "scipy")
 FILES = ("claim.json", "results.json", "report.html", "run.json")
@@ -38,10 +38,9 @@ def conducted(experiment: Experiment, settings: Settings, out: Path) -> list[dic
     """Run an experiment in its folder, and note how; its rows."""
     folder = () if settings.data is None else (Path(settings.data),)
     (out / "run.json").unlink(missing_ok=True)
-    begin = time.perf_counter()
-    rows = experiment.run(settings.runs, settings.seed, out, settings.quick, *folder)
+    rows, seconds = clocked(lambda: experiment.run(settings.runs, settings.seed, out, settings.quick, *folder))
     versions = {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
-    done = {**settings._asdict(), "seconds": time.perf_counter() - begin, "versions": versions}
+    done = {**settings._asdict(), "seconds": seconds, "versions": versions}
     _write(out / "run.json", json.dumps(done, indent=1))
     return rows
 
@@ -91,8 +90,16 @@ def index(out: Path, names: Sequence[str]) -> list[Path]:
 
 def _index(every: Sequence[Done]) -> str:
     held = [done for done in every if done.claim["holds"]]
-    said = f"<p>{len(held)} of {len(every)} claims reproduced: {escape(', '.join(d.name for d in held)) or 'none'}.</p>"
-    return said + "".join(_section(done) for done in every)
+    lines = "".join(
+        f'<tr><td><a href="#{done.name}">{done.name}</a></td><td>{escape(done.claim["claim"])}</td>'
+        f"<td>{WORDS[done.claim['holds']]}</td><td class=n>{done.run['seconds']:.0f}</td></tr>"
+        for done in every
+    )
+    minutes = sum(done.run["seconds"] for done in every) / 60
+    return (
+        f"<p>{len(held)} of {len(every)} claims reproduced, in {minutes:.0f} minutes.</p>"
+        f'<div class="wide"><table>{SUMMARY}{lines}</table></div>' + "".join(_section(done) for done in every)
+    )
 
 
 def _section(done: Done) -> str:
@@ -107,7 +114,7 @@ def _section(done: Done) -> str:
     how = f"{run['seconds']:.0f} s, seed {run['seed']}{', quick' if run['quick'] else ''}"
     versions = ", ".join(f"{name} {one}" for name, one in run["versions"].items())
     return (
-        f'<h2><a href="{done.name}/report.html">{done.name}</a></h2><p>{escape(claim["title"])}.</p>'
+        f'<h2 id="{done.name}"><a href="{done.name}/report.html">{done.name}</a></h2><p>{escape(claim["title"])}.</p>'
         f"<p>Claim: {escape(claim['claim'])}</p>"
         f"<p><strong>{escape(claim['verdict'])}</strong>.</p>"
         f'<div class="wide"><table>{HEAD}{lines}</table></div>{more}'
@@ -150,7 +157,9 @@ def _write(path: Path, text: str) -> Path:
     return path
 
 
-MOST = 30
+WORDS = {True: "reproduced", False: "not reproduced", None: "not decided"}
+SUMMARY = "<thead><tr><td>experiment</td><td>claim</td><td></td><td class=n>seconds</td></tr></thead>"
+MOST = 12
 """rows of one experiment on the index"""
 HEAD = (
     "<thead><tr><td>quantity</td><td>method</td><td class=n>published</td><td class=n>measured</td><td class=n>±</td>"

@@ -6,7 +6,6 @@ beside them. Both have terms of lower order in L (the function at each of 2L+1 p
 fitted over large L.
 """
 
-import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -27,6 +26,7 @@ from sigmapoint.learning.learner import Learner
 from sigmapoint.learning.update import updated
 from sigmapoint.methods import Method
 from sigmapoint.problems import network, robot_arm
+from sigmapoint.timing import clocked
 
 METHODS: dict[str, tuple[Method, float]] = {
     "EKF": (sp.srekf(), 2.0),
@@ -93,9 +93,8 @@ class Timed(NamedTuple):
     def seconds(self) -> float:
         """An update takes."""
         state = jax.block_until_ready(self.learner.init())
-        begin = time.perf_counter()
-        jax.block_until_ready(_updated(self.learner, state, self.x, self.d, jnp.asarray(self.updates)))
-        return (time.perf_counter() - begin) / self.updates
+        times = jnp.asarray(self.updates)
+        return clocked(lambda: _updated(self.learner, state, self.x, self.d, times))[1] / self.updates
 
     def operations(self) -> float:
         """Of one update."""

@@ -4,11 +4,10 @@ On a machine that does other work, two processes may get no more of it than one.
 nothing else says how much there was to gain.
 """
 
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import closing
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +20,7 @@ from sigmapoint.experiments.f15_runs import Tracker
 from sigmapoint.methods import Method
 from sigmapoint.problems import f15
 from sigmapoint.problems.f15_simulator import Input
+from sigmapoint.timing import in_turn
 
 COUNT = 2e6
 """for each of two processes: some tenths of a second, as the work beside it"""
@@ -51,19 +51,6 @@ class Times(NamedTuple):
         return float(self.one.min() / self.two.min())
 
 
-def timed(works: Mapping[str, tuple[Callable[[], Any], Callable[[], Any]]], repetitions: int) -> dict[str, Times]:
-    """Time works, each with one worker and with two, in turns after a first round."""
-    calls = [call for work in works.values() for call in work]
-    rounds = np.array([[_seconds(call) for call in calls] for _ in range(1 + repetitions)])[1:]
-    return {name: Times(rounds[:, 2 * i], rounds[:, 2 * i + 1]) for i, name in enumerate(works)}
-
-
-def _seconds(call: Callable[[], Any]) -> float:
-    begin = time.perf_counter()
-    call()
-    return time.perf_counter() - begin
-
-
 def counted(number: Float[np.ndarray, " 1"]) -> Float[np.ndarray, " 1"]:
     """Count up to a number: work that needs a processor and nothing else."""
     total = 0.0
@@ -90,7 +77,10 @@ def times(
     ):
         alike = Tracker(f15.joint_model(slow, noise), method)
         works = {
-            "filter": (partial(alike, *piece), partial(tracker, *piece)),
-            "counting": (counting(one), counting(two)),
+            ("filter", 1): partial(alike, *piece),
+            ("filter", 2): partial(tracker, *piece),
+            ("counting", 1): counting(one),
+            ("counting", 2): counting(two),
         }
-        return timed(works, repetitions)
+        taken = in_turn(works, repetitions)
+    return {name: Times(taken[name, 1], taken[name, 2]) for name in ("filter", "counting")}

@@ -8,8 +8,7 @@ EKF. Lengths are not given; ours: a network trained on 1000 samples, and for eve
 own.
 """
 
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -41,6 +40,7 @@ from sigmapoint.problems import mackey_glass, noisy_series
 from sigmapoint.problems.autoregression import normalized
 from sigmapoint.problems.noisy_series import NOISE, learned
 from sigmapoint.step import Filter
+from sigmapoint.timing import in_turn
 
 SIZES = (6, 10, 1)
 METHODS: dict[str, tuple[Method, str]] = {
@@ -127,22 +127,9 @@ def timed(
 ) -> dict[str, Float[np.ndarray, " K"]]:
     """Seconds of a step of all methods in turn, compiled before."""
     y = y[:LONG]
-    programs: dict[str, Callable[[], Any]] = {
-        name: partial(lambda method: jax.block_until_ready(filtered(model, method, y)), method)
-        for name, method in chosen.items()
-        if name not in UNTIMED
-    }
-    for program in programs.values():
-        program()
-    taken = [{name: _seconds(program) / len(y) for name, program in programs.items()}
-             for _ in range(2 if quick else REPETITIONS)]  # fmt: skip
-    return {name: np.array([one[name] for one in taken]) for name in programs}
-
-
-def _seconds(program: Callable[[], Any]) -> float:
-    begin = time.perf_counter()
-    program()
-    return time.perf_counter() - begin
+    programs = {name: partial(filtered, model, method, y) for name, method in chosen.items() if name not in UNTIMED}
+    taken = in_turn(programs, 2 if quick else REPETITIONS)
+    return {name: seconds / len(y) for name, seconds in taken.items()}
 
 
 def apart(found: Found) -> dict[str, float]:

@@ -25,7 +25,7 @@ from sigmapoint.particles.step import ParticleFilter
 from sigmapoint.particles.weights import even, moments
 from sigmapoint.smoothing.fixed_lag import lagged
 from sigmapoint.smoothing.reversal import last_row
-from sigmapoint.smoothing.smoother import Smoother, default
+from sigmapoint.smoothing.smoother import Smoother, default_smoother
 from sigmapoint.smoothing.trajectories import drawn
 from sigmapoint.spaces import Space
 
@@ -147,7 +147,7 @@ def backward_simulation(draws: int = 100) -> BackwardSimulation:
     return BackwardSimulation(checks.whole("draws", draws, 1))
 
 
-@default.register(ParticleMethod)
+@default_smoother.register(ParticleMethod)
 def _(method: ParticleMethod) -> BackwardSimulation:
     return backward_simulation()
 

@@ -38,7 +38,7 @@ def looking_back(smoother: Any, method: Recipe, model: StateSpaceModel) -> Smoot
     kind = type(method).__name__
     if not method.smoothers:
         raise ValueError(f"there is no smoother for {kind}: use sp.bootstrap(particles) or a Gaussian filter")
-    smoother = default(method) if smoother is None else smoother
+    smoother = default_smoother(method) if smoother is None else smoother
     checks.instance("smoother", smoother, Smoother, MAKERS)
     if not isinstance(method, smoother.kind):
         raise ValueError(f"smoother must be {method.smoothers} for {kind}, got {type(smoother).__name__}")
@@ -47,7 +47,7 @@ def looking_back(smoother: Any, method: Recipe, model: StateSpaceModel) -> Smoot
 
 
 @singledispatch
-def default(method: Any) -> Smoother:
+def default_smoother(method: Any) -> Smoother:
     """The smoother where none is given, by the kind of method."""
     raise NotImplementedError(f"a smoother for {method}")
 
@@ -95,7 +95,7 @@ def rts() -> RTS:
     return RTS()
 
 
-@default.register(Method)
+@default_smoother.register(Method)
 def _(method: Method) -> RTS:
     return rts()
 
