@@ -10,7 +10,7 @@ from typing import Any
 from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
 
-EQUATION = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+EQUATION = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>([,.;:)]*)', re.DOTALL)
 LEFT_OVER = re.compile(r"\\|&amp;|<mi>&</mi>|<mo />")
 """What a command that is not known leaves in its place."""
 
@@ -23,6 +23,6 @@ def on_page_content(content: str, page: Any, **_: Any) -> str:
         mathml = convert(latex, display="block" if tag == "div" else "inline")
         if LEFT_OVER.search(mathml):
             raise PluginError(f"{page.file.src_uri}: an equation is not rendered: {latex}")
-        return f'<{tag} class="equation">{mathml}</{tag}>'
+        return f'<{tag} class="equation">{mathml}{found[3]}</{tag}>'
 
     return EQUATION.sub(rendered, content)
