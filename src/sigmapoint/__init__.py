@@ -44,7 +44,9 @@ from sigmapoint.methods import (
     srghkf,
     srjulier_ukf,
     srsimplex_ukf,
+    srssckf,
     srukf,
+    ssckf,
     ukf,
 )
 from sigmapoint.model import StateSpaceModel
@@ -202,7 +204,9 @@ __all__ = [
     "srghkf",
     "srjulier_ukf",
     "srsimplex_ukf",
+    "srssckf",
     "srukf",
+    "ssckf",
     "tied",
     "trajectories",
     "two_filter",

@@ -8,6 +8,7 @@
 | `simplex_ukf` | reduced simplex | n+2 (the centre may have no weight) |
 | `cdkf` | central differences | 2n+1 |
 | `ckf` | cubature | 2n+1 (the centre has no weight) |
+| `ssckf` | cubature on a simplex and its mirror image | 2n+3 (the centre has no weight) |
 | `ghkf` | Gauss-Hermite product | orderⁿ |
 
 Those with `sr` before the name carry a square root of the covariance in place of the covariance.
@@ -23,6 +24,7 @@ from sigmapoint.rules.central import CentralDifference
 from sigmapoint.rules.cubature import Cubature
 from sigmapoint.rules.hermite import GaussHermite
 from sigmapoint.rules.simplex import Simplex
+from sigmapoint.rules.spherical_simplex import SphericalSimplex
 from sigmapoint.rules.taylor import Taylor
 from sigmapoint.rules.unscented import Julier, Unscented
 from sigmapoint.step import Method
@@ -164,6 +166,16 @@ def srckf() -> Method:
     return Method(Cubature(), SquareRoot)
 
 
+def ssckf() -> Method:
+    """Spherical simplex-radial cubature (Wang, Feng & Tse 2014): as exact as `ckf`, and sees states multiplied."""
+    return Method(SphericalSimplex(), Dense)
+
+
+def srssckf() -> Method:
+    """Square-root spherical simplex-radial cubature Kalman filter."""
+    return Method(SphericalSimplex(), SquareRoot)
+
+
 def ghkf(order: int = 3) -> Method:
     """Gauss-Hermite Kalman filter: `order`ⁿ points, for few states (Ito & Xiong 2000).
 
@@ -190,7 +202,7 @@ METHODS: dict[str, Callable[..., Method]] = {
     make.__name__: make
     for make in (
         *(ekf, srekf, ukf, srukf, julier_ukf, srjulier_ukf, simplex_ukf, srsimplex_ukf),
-        *(cdkf, srcdkf, ckf, srckf, ghkf, srghkf),
+        *(cdkf, srcdkf, ckf, srckf, ssckf, srssckf, ghkf, srghkf),
     )
 }
 """Every method by its name, for the command line and for tables; each can be made without arguments."""

@@ -11,7 +11,7 @@ import sigmapoint as sp
 STANDARD = [n for n in SQUARE_ROOT if "ghkf" not in n]
 # In 32 bits a value near 1e4 is rounded to 1e-3, a hundred standard deviations. Where the dynamics keep states apart,
 # points that lie along one state each never compare such values with small ones; the points of these sets do.
-MIXING = ("sr simplex_ukf", "sr simplex_ukf(n+2)")
+MIXING = ("sr simplex_ukf", "sr simplex_ukf(n+2)", "sr ssckf")
 
 
 @pytest.mark.parametrize("m", MEASURED)

@@ -71,6 +71,16 @@ def test_unscented_1_0_0_is_cubature():
     assert len(np.unique(b.mean[1:])) == 1
 
 
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_the_spherical_simplex_is_a_regular_one_and_its_mirror_image_and_loses_no_mixed_fourth_moment(n):
+    c = DENSE["ssckf"].rule.sigma_points(n)
+    vertices, mirrored = np.split(c.points[1:], 2)
+    np.testing.assert_array_equal(vertices, -mirrored)
+    np.testing.assert_allclose(vertices @ vertices.T, (n + 1) * np.eye(n + 1) - 1, atol=1e-14 * n)
+    np.testing.assert_allclose(c.mean[1:], 0.5 / (n + 1), rtol=1e-15)
+    assert ((c.mean * c.points.T**2) @ c.points**2 > 0.9 / n).all()
+
+
 @pytest.mark.parametrize("n", [1, 2, 4])
 def test_central_differences_give_exact_covariances_for_sums_of_squares(n):
     a = np.arange(1.0, n + 1)

@@ -27,14 +27,14 @@ class Simplex(SigmaPointRule):
             raise ValueError(f"alpha must be positive, got {self.alpha}")
 
     def sigma_points(self, n: int) -> PointSet:
-        spread2 = (n + 1) / (1 - self.w0)  # the coordinates of `_simplex` have mean square 1 / (n + 1)
-        points = np.concatenate([np.zeros((1, n)), self.alpha * np.sqrt(spread2) * _simplex(n)])
+        spread2 = (n + 1) / (1 - self.w0)  # the coordinates of `simplex_vertices` have mean square 1 / (n + 1)
+        points = np.concatenate([np.zeros((1, n)), self.alpha * np.sqrt(spread2) * simplex_vertices(n)])
         weights = np.full(n + 2, 1 / (spread2 * self.alpha**2))
         weights[0] = 1 - weights[1:].sum()
         return from_weights(points, weights, 1 + self.beta - self.alpha**2)
 
 
-def _simplex(n: int) -> np.ndarray:
+def simplex_vertices(n: int) -> np.ndarray:
     """n+1 points in n dimensions whose coordinates are orthonormal over the points and orthogonal to the constant."""
     rows = np.zeros((n, n + 1))
     for j in range(n):  # Helmert's contrasts: each compares the next point with all before it
