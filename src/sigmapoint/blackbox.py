@@ -100,7 +100,7 @@ class Blackbox:
             for i, j in itertools.pairwise(ends)
             if j > i
         ]
-        return [value for part in parts for value in part.result()]
+        return np.concatenate([part.result() for part in parts]) if parts else []
 
 
 def _real(values: Any) -> np.ndarray:
@@ -122,8 +122,9 @@ def _sendable(function: Callable[..., Any]) -> None:
         raise
 
 
-def _each(function: Callable[..., Any], rows: tuple[Any, ...], count: int) -> list[Any]:
-    return [function(*jax.tree.map(lambda a, i=i: a[i], rows)) for i in range(count)]
+def _each(function: Callable[..., Any], rows: tuple[Any, ...], count: int) -> np.ndarray:
+    leaves, structure = jax.tree.flatten(rows)
+    return _real([function(*jax.tree.unflatten(structure, [leaf[i] for leaf in leaves])) for i in range(count)])
 
 
 def _opaque(box: Blackbox, shape: jax.ShapeDtypeStruct, *args: Any) -> Array:

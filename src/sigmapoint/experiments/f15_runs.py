@@ -49,11 +49,12 @@ class Tracker:
 
     def __init__(self, model: sp.StateSpaceModel, method: Method):
         self._run = Filter.of(model, method)
+        self._first = self._run.init()
         self._step = jax.jit(jax.vmap(self._both))
 
     def __call__(self, y: Float[np.ndarray, "R T 12"], u: Input) -> Beliefs:
         """Beliefs given the measurements up to each instant."""
-        ahead = jax.tree.map(lambda a: jnp.broadcast_to(a, (len(y), *a.shape)), self._run.init())
+        ahead = jax.tree.map(lambda a: jnp.broadcast_to(a, (len(y), *a.shape)), self._first)
         every = []
         for k in range(y.shape[1]):
             ahead, belief = unwrapped(self._step, ahead, *jax.tree.map(lambda a, k=k: jnp.asarray(a[:, k]), (y, u)))
