@@ -24,10 +24,17 @@ def test_docstrings(name):
     assert result.failed == 0
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_pages(page, tmp_path, monkeypatch):
     """The Python blocks of a page, run one after the other as one program."""
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):  # as a reader has them
         exec(compile("\n".join(blocks), str(page), "exec"), {"__name__": "__page__"})
+
+
+def test_the_worked_example_of_a_new_rule_is_the_rule_as_it_is():
+    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / "CONTRIBUTING.md").read_text("utf-8"), re.MULTILINE | re.DOTALL)
+    source = ROOT / "src" / "sigmapoint"
+    assert blocks[0] == (source / "rules" / "spherical_simplex.py").read_text("utf-8")
+    assert blocks[1].partition("\n\n\n")[2] in (source / "methods.py").read_text("utf-8")
