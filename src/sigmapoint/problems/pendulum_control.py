@@ -27,9 +27,9 @@ from jaxtyping import Array, Float
 
 from sigmapoint.problems.pendulum import GRAVITY, STEP, Parameters
 
-COST = np.diag([1.0, 1.0, 10.0, 100.0, 10.0, 100.0])
+COST = np.diag([1.0, 1.0, 100.0, 100.0, 100.0, 100.0])
 """Q, of (x, ẋ, θ₁, θ̇₁, θ₂, θ̇₂) in squares of m, m/s, rad, rad/s; per second"""
-FORCE_COST = 0.1
+FORCE_COST = 0.001
 """R [1/N²], per second"""
 DOUBLINGS = 12
 """2¹² steps of 0.02 s are 82 s, many times the slowest pole of the loop"""
