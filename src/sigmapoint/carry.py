@@ -54,6 +54,10 @@ Points = Float[Array, "p d"] | None
 class Carry(Protocol):
     """A strategy; see the module."""
 
+    def dimensions(self, n: int, process: Any, observation: Any) -> int:
+        """Of the smallest point set, for a state with `n` and noises as a model has them."""
+        ...
+
     def draw(self, rule: Any, belief: Belief, fs: Functions) -> Points:
         """The state's points of a fresh set, or nothing where points are not carried."""
         ...
@@ -71,6 +75,9 @@ class Carry(Protocol):
 class Redraw:
     """A fresh set for every function."""
 
+    def dimensions(self, n: int, process: Any, observation: Any) -> int:
+        return n + min(process.inside, observation.inside)
+
     def draw(self, rule: Rule, belief: Belief, fs: Functions) -> Points:
         return None
 
@@ -86,6 +93,9 @@ class Redraw:
 @dataclass(frozen=True)
 class ExtendedSet:
     """One set for (x, w), and for v where it is not additive."""
+
+    def dimensions(self, n: int, process: Any, observation: Any) -> int:
+        return n + process.size + observation.inside
 
     def _observed(self, fs: Functions) -> Entry:
         return fs.observation.within(fs.h, fs.observation_space)
@@ -119,6 +129,9 @@ class ExtendedSet:
 @dataclass(frozen=True)
 class Augmented(ExtendedSet):
     """One set for (x, w, v)."""
+
+    def dimensions(self, n: int, process: Any, observation: Any) -> int:
+        return n + process.size + observation.size
 
     def _observed(self, fs: Functions) -> Entry:
         return fs.observation.through(fs.h, fs.observation_space)

@@ -73,6 +73,13 @@ class Additive(eqx.Module):
         self.lasting = lasting
 
     kind = AdditiveNoise
+    inside = 0
+    """coordinates of the points that it needs: it is added afterwards"""
+
+    @property
+    def size(self) -> int:
+        """Elements of the noise."""
+        return self.cov.shape[-1]
 
     def require_additive(self, name: str, by: str, instead: str) -> None:
         """It is; see `NonAdditive`."""
@@ -125,6 +132,16 @@ class NonAdditive(eqx.Module):
         self.lasting = lasting
 
     kind = StackedNoise
+
+    @property
+    def size(self) -> int:
+        """Elements of the noise."""
+        return self.cov.shape[-1]
+
+    @property
+    def inside(self) -> int:
+        """Coordinates of the points that it needs."""
+        return self.size
 
     def require_additive(self, name: str, by: str, instead: str) -> None:
         """Raise: it is inside a function."""

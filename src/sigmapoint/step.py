@@ -117,7 +117,8 @@ class Method:
         for name in ("process_noise", "observation_noise"):
             belief_checks.gaussian(name, getattr(model, name))
         if isinstance(self.rule, SigmaPointRule):
-            constants = self.rule.constants(model.initial.cov.shape[-1])
+            n = model.initial.cov.shape[-1]
+            constants = self.rule.constants(self.carry.dimensions(n, model.process_noise, model.observation_noise))
             belief_checks.digits(abs(constants.centre), model.initial.mean.dtype)
             belief_checks.room(model.initial, constants.reach, model.state_space, model.state_names)
 

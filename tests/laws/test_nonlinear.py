@@ -131,6 +131,16 @@ def test_augmented_central_differences_and_non_additive_noise_are_the_textbook_f
         np.testing.assert_allclose(got.mean, expected.mean, rtol=1e-9, atol=1e-9)
 
 
+def test_what_a_set_may_be_depends_on_all_that_it_covers():
+    one = jnp.eye(1)
+    model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, one, one, sp.Gaussian(jnp.zeros(1), one))
+    y, fourth = jnp.ones((4, 1)), sp.ukf(1.0, 2.0, -1.5)
+    got = sp.filter(model, y, method=sp.augmented(fourth))  # κ > −3
+    np.testing.assert_allclose(got.mean, sp.filter(model, y, method=sp.ekf()).mean, rtol=1e-12)
+    with pytest.raises(ValueError, match="kappa must be greater than -n"):
+        sp.filter(model, y, method=fourth)
+
+
 def test_stacking_additive_noise_changes_nothing_where_that_is_a_theorem_and_something_where_not():
     """With f(x) + w, points along w leave central differences, product rules and the EKF as they are; the unscented
     set spreads with the dimension, and a set carried through h sees what redrawing forgets."""
