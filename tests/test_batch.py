@@ -10,7 +10,7 @@ import pytest
 
 import sigmapoint as sp
 from sigmapoint import batching as batches
-from sigmapoint import series
+from sigmapoint.compiled import series
 
 
 def _model(T: int = 30) -> sp.StateSpaceModel:

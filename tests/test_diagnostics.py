@@ -11,12 +11,12 @@ import pytest
 from scipy import stats
 
 import sigmapoint as sp
-from sigmapoint import verdicts
-from sigmapoint.accuracy import errors
-from sigmapoint.consistency import consistency, normalised, row_band
-from sigmapoint.diagnostics import diagnose
+from sigmapoint.diagnosis import verdicts
+from sigmapoint.diagnosis.accuracy import errors
+from sigmapoint.diagnosis.consistency import consistency, normalised, row_band
+from sigmapoint.diagnosis.diagnostics import diagnose
+from sigmapoint.diagnosis.whiteness import LAGS, autocorrelation, quantiles
 from sigmapoint.results import Labels, Posterior, input_columns
-from sigmapoint.whiteness import LAGS, autocorrelation, quantiles
 
 T, M = 4000, 2
 LABELS = Labels(("a", "b"), ("m", "1"), ("p", "q"), ("V", ""))

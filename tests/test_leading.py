@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sigmapoint.leading import leading
+from sigmapoint.linear_algebra.leading import leading
 
 
 @jax.custom_jvp

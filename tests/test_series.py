@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sigmapoint import series
+from sigmapoint.compiled import series
 
 
 def step(state, row):

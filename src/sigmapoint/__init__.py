@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from sigmapoint.batching import batch
 from sigmapoint.blackbox import blackbox
 from sigmapoint.comparison import Comparison, compare
-from sigmapoint.diagnostics import diagnose
+from sigmapoint.diagnosis.diagnostics import diagnose
 from sigmapoint.filtering import filter
 from sigmapoint.identification.costs import maximum_likelihood, prediction_error
 from sigmapoint.identification.coupled import Dual

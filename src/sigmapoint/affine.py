@@ -15,9 +15,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from sigmapoint import series
 from sigmapoint.belief import SquareRoot, covariance
 from sigmapoint.carry import around
+from sigmapoint.compiled import series
 from sigmapoint.conditioning import Conditioned, Joint, condition
 from sigmapoint.entering import Entry
 from sigmapoint.rules.linearization import Linearization, Rule

@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from sigmapoint.linalg import cholesky, norm_rows
-from sigmapoint.native import gram, materialized
+from sigmapoint.compiled.native import gram, materialized
+from sigmapoint.linear_algebra.factors import cholesky, norm_rows
+from sigmapoint.linear_algebra.triangularization import tria
 from sigmapoint.rules.linearization import Linearization
-from sigmapoint.triangularization import tria
 
 
 class Spread(NamedTuple):

@@ -21,9 +21,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from sigmapoint.belief import Belief
+from sigmapoint.compiled.native import applied
 from sigmapoint.conditioning import Joint
 from sigmapoint.entering import Entry, Noise
-from sigmapoint.native import applied
 from sigmapoint.rules.linearization import Linearization, Rule, magnitude
 from sigmapoint.spaces import Space
 

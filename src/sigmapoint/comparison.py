@@ -13,10 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint import checks, data_checks
-from sigmapoint.accuracy import errors
-from sigmapoint.consistency import surprise
+from sigmapoint import checks
+from sigmapoint.checks import data as data_checks
 from sigmapoint.contents import Contents
+from sigmapoint.diagnosis.accuracy import errors
+from sigmapoint.diagnosis.consistency import surprise
 from sigmapoint.filtering import filter, series_of
 from sigmapoint.methods import METHODS
 from sigmapoint.model import StateSpaceModel

@@ -23,9 +23,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from sigmapoint.belief import Belief, Spread
-from sigmapoint.leading import leading
-from sigmapoint.linalg import one_where_zero, safe_sqrt
-from sigmapoint.native import LARGEST, materialized, small
+from sigmapoint.compiled.native import LARGEST, materialized, small
+from sigmapoint.linear_algebra.factors import one_where_zero, safe_sqrt
+from sigmapoint.linear_algebra.leading import leading
 from sigmapoint.rules.linearization import Linearization
 from sigmapoint.rules.point_sets import ROUND_OFF
 

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from sigmapoint.diagnosis.verdicts import Verdict
 from sigmapoint.results import Posterior
-from sigmapoint.verdicts import Verdict
 
 Row = Mapping[str, Any]
 

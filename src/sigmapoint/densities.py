@@ -11,8 +11,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Scalar
 
 from sigmapoint.belief import Spread
-from sigmapoint.linalg import cholesky, solve_lower
-from sigmapoint.native import LARGEST
+from sigmapoint.compiled.native import LARGEST
+from sigmapoint.linear_algebra.factors import cholesky, solve_lower
 
 LOG_2PI = 1.8378770664093453
 Standard = Callable[[Array, tuple[int, ...], Any], Array]

@@ -12,9 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint.belief import Spread
+from sigmapoint.compiled.native import applied
 from sigmapoint.densities import Density, Normal, whitening
 from sigmapoint.distributions import Given
-from sigmapoint.native import applied
 from sigmapoint.spaces import Space
 
 

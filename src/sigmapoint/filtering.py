@@ -9,8 +9,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint import checks, data_checks, series
+from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
+from sigmapoint.checks import data as data_checks
+from sigmapoint.compiled import series
 from sigmapoint.methods import Method, gaussian_filter, srcdkf
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.recipe import MAKER, Recipe, Run

@@ -14,8 +14,8 @@ from jaxtyping import Array, Bool, Float
 
 from sigmapoint.belief import Belief
 from sigmapoint.carry import Functions, whitened
+from sigmapoint.compiled.native import applied
 from sigmapoint.conditioning import Joint, condition
-from sigmapoint.native import applied
 from sigmapoint.rules.linearization import Linearization, Rule
 
 

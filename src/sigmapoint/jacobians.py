@@ -13,8 +13,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from sigmapoint import checks, function_checks
-from sigmapoint.leading import leading
+from sigmapoint import checks
+from sigmapoint.checks import functions as function_checks
+from sigmapoint.linear_algebra.leading import leading
 
 
 def with_jacobian(name: str, function: Callable[..., Any], jacobian: Callable[..., Any] | None) -> Callable[..., Any]:

@@ -6,7 +6,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint import belief_checks, checks
+from sigmapoint import checks
+from sigmapoint.checks import beliefs as belief_checks
 from sigmapoint.distributions import Distribution, moments, size_of
 from sigmapoint.entering import AdditiveNoise, StackedNoise
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax
 from jaxtyping import Array
 
-from sigmapoint.native import looped
+from sigmapoint.compiled.native import looped
 from sigmapoint.recipe import Recipe, Run
 
 

@@ -18,9 +18,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint import linalg, triangularization
 from sigmapoint.affine import Affine
 from sigmapoint.belief import SquareRoot
+from sigmapoint.linear_algebra import factors as linalg
+from sigmapoint.linear_algebra import triangularization
 
 tria, solve_lower, solve_upper = (
     partial(f, many=True) for f in (triangularization.tria, linalg.solve_lower, linalg.solve_upper)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sigmapoint.consistency import surprise
+from sigmapoint.diagnosis.consistency import surprise
 from sigmapoint.results import Posterior, field
 
 SHOWN = 6

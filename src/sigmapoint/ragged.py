@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from sigmapoint import checks, data_checks
+from sigmapoint import checks
+from sigmapoint.checks import data as data_checks
 from sigmapoint.filtering import series_of
 from sigmapoint.model import StateSpaceModel
 

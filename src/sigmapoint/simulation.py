@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint import checks, data_checks
+from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
+from sigmapoint.checks import data as data_checks
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.system import System, initial
 

@@ -6,13 +6,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from sigmapoint import function_checks
 from sigmapoint.belief import Spread
 from sigmapoint.carry import Functions
+from sigmapoint.checks import functions as function_checks
+from sigmapoint.compiled.folding import folded
 from sigmapoint.densities import Density, Normal, whitening
 from sigmapoint.distributions import Given
 from sigmapoint.entering import NoiseSeries
-from sigmapoint.folding import folded
 from sigmapoint.model import StateSpaceModel
 
 

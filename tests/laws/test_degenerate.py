@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import sigmapoint as sp
-from sigmapoint.triangularization import tria
+from sigmapoint.linear_algebra.triangularization import tria
 
 METHODS = [sp.ekf(), sp.srekf(), sp.srukf(), sp.srcdkf(), sp.ukf(), sp.iterated(sp.srcdkf(), 3)]
 R = np.random.default_rng(0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from mpmath import mp
 
-from sigmapoint import folding
-from sigmapoint.elementary import LARGEST_ANGLE, VECTORISED
+from sigmapoint.compiled import folding
+from sigmapoint.linear_algebra.elementary import LARGEST_ANGLE, VECTORISED
 
 SIN, COS, ATAN2, ATAN = VECTORISED.values()
 ULPS = 2.0

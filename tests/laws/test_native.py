@@ -9,7 +9,9 @@ from laws.table import METHODS
 from laws.test_linear import _check
 
 import sigmapoint as sp
-from sigmapoint import folding, linalg, native, triangularization
+from sigmapoint.compiled import folding, native
+from sigmapoint.linear_algebra import factors as linalg
+from sigmapoint.linear_algebra import triangularization
 
 
 @pytest.fixture(autouse=True)

@@ -34,7 +34,7 @@ def examined() -> dict[str, Any]:
     import jax
     import jax.numpy as jnp
 
-    from sigmapoint import runtime
+    from sigmapoint.compiled import runtime
 
     return {
         "loops": f"{'native' if runtime.NATIVE else 'not native'} ({runtime.REASON})",

@@ -20,7 +20,7 @@ from rich.table import Table
 
 from sigmapoint.cli.errors import stopped
 from sigmapoint.comparison import as_text
-from sigmapoint.consistency import surprise
+from sigmapoint.diagnosis.consistency import surprise
 from sigmapoint.results import Posterior, field
 from sigmapoint.storage import write_atomically
 

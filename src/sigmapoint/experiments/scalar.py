@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import sigmapoint as sp
-from sigmapoint.accuracy import coverage
+from sigmapoint.diagnosis.accuracy import coverage
 from sigmapoint.experiments.results import Claim, Mean, Picture, Row, mean_of, plus_minus, positive, publish, row_of
 from sigmapoint.experiments.scalar_figures import all_methods, single_run
 from sigmapoint.methods import Method

@@ -6,8 +6,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 import sigmapoint as sp
-from sigmapoint import affine, series
+from sigmapoint import affine
 from sigmapoint.belief import Belief, SquareRoot
+from sigmapoint.compiled import series
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.problems.noisy_series import NOISE
 from sigmapoint.smoothing.backward_model import Backward

@@ -16,9 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from sigmapoint.compiled.series import of_each
 from sigmapoint.identification.likelihood import LogPosterior
 from sigmapoint.identification.pseudo_marginal import Point, moved
-from sigmapoint.series import of_each
 
 ACCEPTED = 0.15
 """Share of steps to be accepted. A random walk of many parameters does best with 0.23 where the likelihood is exact,

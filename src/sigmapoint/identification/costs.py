@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float
 
 from sigmapoint.learning import measurement_noise
 from sigmapoint.learning.measurement_noise import Known, MeasurementNoise
-from sigmapoint.linalg import cholesky, one_where_zero, solve_lower
+from sigmapoint.linear_algebra.factors import cholesky, one_where_zero, solve_lower
 from sigmapoint.step import Info
 
 UNIT = Known(1.0)

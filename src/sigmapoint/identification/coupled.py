@@ -9,8 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from sigmapoint import checks, data_checks, filtering, series
+from sigmapoint import checks, filtering
 from sigmapoint.blackbox import unwrapped
+from sigmapoint.checks import data as data_checks
+from sigmapoint.compiled import series
 from sigmapoint.identification.cell import Cell, Sample
 from sigmapoint.identification.costs import Seen
 from sigmapoint.identification.dual_results import DualHistory, DualResult, DualState, root
@@ -19,7 +21,7 @@ from sigmapoint.learning.drift import Drift
 from sigmapoint.learning.parameters import Parameters
 from sigmapoint.learning.state import LearnerState
 from sigmapoint.learning.update import Setup, updated
-from sigmapoint.linalg import norm_rows
+from sigmapoint.linear_algebra.factors import norm_rows
 from sigmapoint.methods import Method
 from sigmapoint.results import Posterior
 from sigmapoint.step import Info

@@ -13,7 +13,7 @@ from sigmapoint.identification.contents import over_time
 from sigmapoint.identification.estimates import Estimates
 from sigmapoint.identification.unknowns import built
 from sigmapoint.learning.state import LearnerState
-from sigmapoint.linalg import norm_rows
+from sigmapoint.linear_algebra.factors import norm_rows
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.plotting import plot_panels
 from sigmapoint.results import Posterior

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from sigmapoint import checks
 from sigmapoint.blackbox import NoDerivative, unwrapped
 from sigmapoint.contents import Card, Contents, Curve, Panel, Section
+from sigmapoint.diagnosis.verdicts import Verdict
 from sigmapoint.filtering import gaussian
 from sigmapoint.identification.contents import noises, values
 from sigmapoint.identification.maximization import Constant, Found, Problem, maximized
@@ -26,7 +27,6 @@ from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive
 from sigmapoint.plotting import plot_panels
 from sigmapoint.ragged import stacked
-from sigmapoint.verdicts import Verdict
 
 
 class EM(NamedTuple):

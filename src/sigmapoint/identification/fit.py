@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 from sigmapoint import checks
 from sigmapoint.blackbox import NoDerivative
 from sigmapoint.contents import Card, Contents
+from sigmapoint.diagnosis.verdicts import Verdict
 from sigmapoint.identification.contents import at_one_time
 from sigmapoint.identification.estimates import Estimates
 from sigmapoint.identification.likelihood import LogPosterior, log_posterior
@@ -28,7 +29,6 @@ from sigmapoint.identification.unknowns import built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.printing import aligned
-from sigmapoint.verdicts import Verdict
 
 NEAR = 0.01
 """Standard deviations from the optimum at which a search has arrived."""

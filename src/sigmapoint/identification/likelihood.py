@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sigmapoint import checks
+from sigmapoint.compiled.series import of_each
 from sigmapoint.densities import LOG_2PI
 from sigmapoint.filtering import gaussian, scan
 from sigmapoint.identification.unknowns import Unknowns, built
@@ -25,7 +26,6 @@ from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.ragged import stacked
 from sigmapoint.recipe import Recipe
-from sigmapoint.series import of_each
 
 ROUND_OFF = 1e-6
 """Negative variance that a matrix of correlations may have."""

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint.belief import symmetric
+from sigmapoint.compiled.series import of_each
 from sigmapoint.identification import expectation
 from sigmapoint.identification.expectation import Moments, Smoothed
 from sigmapoint.identification.structures import Structure
@@ -24,7 +25,6 @@ from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive, Gaussian
-from sigmapoint.series import of_each
 from sigmapoint.step import Filter
 
 SEARCH = 30

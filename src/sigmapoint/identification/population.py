@@ -16,12 +16,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from sigmapoint.compiled.series import of_each
 from sigmapoint.identification.likelihood import LogPosterior
 from sigmapoint.identification.pseudo_marginal import Point, moved
-from sigmapoint.linalg import cholesky
+from sigmapoint.linear_algebra.factors import cholesky
 from sigmapoint.particles.resampling import systematic
 from sigmapoint.particles.weights import effective, even, moments, weighed
-from sigmapoint.series import of_each
 from sigmapoint.spaces import Euclidean
 
 HALF = 0.5

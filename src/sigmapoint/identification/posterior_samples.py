@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks
 from sigmapoint.contents import Card, Contents
+from sigmapoint.diagnosis.verdicts import Verdict
 from sigmapoint.filtering import fitting
 from sigmapoint.identification.contents import at_one_time
 from sigmapoint.identification.estimates import BAR, Estimates
@@ -20,7 +21,6 @@ from sigmapoint.identification.unknowns import Unknowns, built
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.printing import aligned
 from sigmapoint.recipe import Recipe
-from sigmapoint.verdicts import Verdict
 
 AGREE = 1.1
 """R̂ up to which chains agree."""

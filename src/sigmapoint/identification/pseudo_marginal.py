@@ -18,8 +18,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
+from sigmapoint.compiled.series import of_each
 from sigmapoint.identification.likelihood import LogPosterior
-from sigmapoint.series import of_each
 
 random_walk: Any = checks.extra("blackjax.mcmc.random_walk", "sampling", "mcmc")
 

@@ -7,8 +7,10 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from sigmapoint import belief_checks, checks, data_checks
+from sigmapoint import checks
 from sigmapoint.carry import Redraw
+from sigmapoint.checks import beliefs as belief_checks
+from sigmapoint.checks import data as data_checks
 from sigmapoint.learning import measurement_noise, sharding
 from sigmapoint.learning.drift import Drift, drift_of
 from sigmapoint.learning.measurement_noise import Known, MeasurementNoise

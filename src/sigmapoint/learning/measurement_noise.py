@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint import belief_checks, checks
+from sigmapoint import checks
 from sigmapoint.belief import symmetric
+from sigmapoint.checks import beliefs as belief_checks
 
 LEAST = 1e-8
 """A variance is not learned to be less than this part of what it started with: from zero it could not grow again."""

@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint import checks, data_checks
+from sigmapoint import checks
+from sigmapoint.checks import data as data_checks
 from sigmapoint.methods import Method
 from sigmapoint.spaces import Euclidean, Space
 

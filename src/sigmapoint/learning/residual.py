@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint import checks, data_checks
+from sigmapoint import checks
+from sigmapoint.checks import data as data_checks
 from sigmapoint.learning.objectives import Objective, listed
-from sigmapoint.linalg import safe_sqrt
+from sigmapoint.linear_algebra.factors import safe_sqrt
 from sigmapoint.methods import Method
 from sigmapoint.spaces import Euclidean, Space
 from sigmapoint.variants import at_mean

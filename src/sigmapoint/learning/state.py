@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 from jaxtyping import Array, Float, Int
 
 from sigmapoint.learning.uncertainty import Uncertainty
-from sigmapoint.linalg import safe_sqrt
+from sigmapoint.linear_algebra.factors import safe_sqrt
 
 
 class Memory(NamedTuple):

@@ -24,8 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint.linalg import one_where_zero
-from sigmapoint.triangularization import orthogonalized
+from sigmapoint.linear_algebra.factors import one_where_zero
+from sigmapoint.linear_algebra.triangularization import orthogonalized
 
 BLOCK = 16
 """Columns in a block, about."""

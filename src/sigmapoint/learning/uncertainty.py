@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint.learning.triangular import conditioned
-from sigmapoint.linalg import cholesky, one_where_zero
+from sigmapoint.linear_algebra.factors import cholesky, one_where_zero
 
 
 class Updated(NamedTuple):

@@ -25,7 +25,7 @@ from sigmapoint.learning.parameters import Parameters
 from sigmapoint.learning.state import LearnerInfo, LearnerState, Memory, Prediction
 from sigmapoint.learning.triangular import GROUPS
 from sigmapoint.learning.uncertainty import Covariance, Factor
-from sigmapoint.linalg import norm_rows, solve_lower, solve_upper
+from sigmapoint.linear_algebra.factors import norm_rows, solve_lower, solve_upper
 from sigmapoint.methods import Method
 from sigmapoint.rules.linearization import Linearization, SigmaPointRule
 from sigmapoint.spaces import Euclidean, Space, beside

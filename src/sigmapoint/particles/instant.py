@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from sigmapoint.carry import Functions
-from sigmapoint.linalg import cholesky, solve_lower
+from sigmapoint.linear_algebra.factors import cholesky, solve_lower
 from sigmapoint.particles.normals import normals
 from sigmapoint.particles.state import ParticleState, Surprise
 from sigmapoint.system import System, initial, measured

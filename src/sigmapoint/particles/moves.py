@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
-from sigmapoint.linalg import cholesky
+from sigmapoint.linear_algebra.factors import cholesky
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.particles.instant import Instant
 from sigmapoint.particles.proposals.proposal import Drawn, Proposal, Prospect, require_densities

@@ -14,16 +14,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sigmapoint.carry import known
+from sigmapoint.compiled.native import applied
+from sigmapoint.compiled.series import of_each
 from sigmapoint.conditioning import Joint, condition
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.native import applied
 from sigmapoint.particles.instant import Instant
 from sigmapoint.particles.normals import normals
 from sigmapoint.particles.sampled import Draws, Sampled
 from sigmapoint.particles.state import ParticleInfo, Surprise
 from sigmapoint.particles.weights import Cloud, even, together, weighed
 from sigmapoint.rules.linearization import Linearization
-from sigmapoint.series import of_each
 from sigmapoint.step import Filter, FilterState
 
 RESAMPLED, DRAWN = range(2)

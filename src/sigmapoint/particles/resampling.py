@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from sigmapoint.native import running_max, running_sum
+from sigmapoint.compiled.native import running_max, running_sum
 from sigmapoint.particles.weights import effective, even
 
 __all__ = ["multinomial", "residual", "stratified", "systematic"]

@@ -16,7 +16,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sigmapoint import checks, series
+from sigmapoint import checks
+from sigmapoint.compiled import series
 from sigmapoint.filtering import fields, scan
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.particles.method import ParticleMethod

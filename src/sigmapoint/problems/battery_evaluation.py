@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint.accuracy import coverage
-from sigmapoint.consistency import consistency
 from sigmapoint.data import Log
+from sigmapoint.diagnosis.accuracy import coverage
+from sigmapoint.diagnosis.consistency import consistency
 
 SETTLED = 1800.0
 """Time after which an estimate is judged [s]."""

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from sigmapoint.consistency import row_band
 from sigmapoint.curves import broken, wraps
+from sigmapoint.diagnosis.consistency import row_band
 from sigmapoint.plotting import titled
 from sigmapoint.reporting import traces
 from sigmapoint.reporting.decimate import POINTS, compact, extremes, with_breaks

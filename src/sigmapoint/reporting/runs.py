@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from sigmapoint import data_checks
-from sigmapoint.accuracy import Coverage, errors
-from sigmapoint.consistency import normalised
+from sigmapoint.checks import data as data_checks
 from sigmapoint.curves import principal
-from sigmapoint.diagnostics import Diagnosis, diagnose
+from sigmapoint.diagnosis.accuracy import Coverage, errors
+from sigmapoint.diagnosis.consistency import normalised
+from sigmapoint.diagnosis.diagnostics import Diagnosis, diagnose
 from sigmapoint.reporting.traces import Style
 from sigmapoint.results import Axis, Labels, Posterior, host
 

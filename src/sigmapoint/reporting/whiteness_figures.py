@@ -3,9 +3,9 @@
 import numpy as np
 import plotly.graph_objects as go
 
+from sigmapoint.diagnosis.whiteness import Element, quantiles
 from sigmapoint.reporting.runs import Run, Runs
 from sigmapoint.reporting.traces import REFERENCE, plain
-from sigmapoint.whiteness import Element, quantiles
 
 EDGE = 5.0
 """Histograms span ± this; what is outside counts in the last bin."""

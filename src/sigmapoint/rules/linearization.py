@@ -19,8 +19,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint.linalg import solve_upper
-from sigmapoint.native import materialized
+from sigmapoint.compiled.native import materialized
+from sigmapoint.linear_algebra.factors import solve_upper
 from sigmapoint.rules.point_sets import PointSet
 from sigmapoint.spaces import Space
 

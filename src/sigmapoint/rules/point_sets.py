@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint.native import materialized, product
+from sigmapoint.compiled.native import materialized, product
 
 ROUND_OFF = 4.0
 """What is not more than so many times the round-off of the numbers that it was computed from says nothing."""

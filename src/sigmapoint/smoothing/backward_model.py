@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from sigmapoint import data_checks, series
 from sigmapoint.belief import Belief, Spread
 from sigmapoint.carry import known
+from sigmapoint.checks import data as data_checks
+from sigmapoint.compiled import series
 from sigmapoint.conditioning import Joint, condition
 from sigmapoint.filtering import fields
 from sigmapoint.model import StateSpaceModel

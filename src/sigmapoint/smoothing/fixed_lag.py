@@ -13,8 +13,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from sigmapoint import checks, series
+from sigmapoint import checks
 from sigmapoint.belief import Belief
+from sigmapoint.compiled import series
 from sigmapoint.filtering import fields
 from sigmapoint.recipe import Recipe, Run
 from sigmapoint.smoothing.reversal import Reversal, last_row

@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sigmapoint import checks, data_checks
+from sigmapoint import checks
 from sigmapoint.belief import Belief
 from sigmapoint.blackbox import unwrapped
+from sigmapoint.checks import data as data_checks
 from sigmapoint.filtering import gaussian
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel

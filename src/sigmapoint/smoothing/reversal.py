@@ -16,10 +16,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sigmapoint import series
 from sigmapoint.belief import Belief
+from sigmapoint.compiled import series
+from sigmapoint.compiled.native import applied, product
 from sigmapoint.conditioning import condition
-from sigmapoint.native import applied, product
 from sigmapoint.spaces import Space
 from sigmapoint.step import Filter, FilterState
 

@@ -15,9 +15,9 @@ from jaxtyping import Array, Float
 from sigmapoint import checks
 from sigmapoint.belief import Belief
 from sigmapoint.blackbox import unwrapped
+from sigmapoint.compiled.native import applied
 from sigmapoint.filtering import prepared, scan
 from sigmapoint.model import StateSpaceModel
-from sigmapoint.native import applied
 from sigmapoint.recipe import Recipe
 from sigmapoint.smoothing.reversal import Reversal, back
 from sigmapoint.step import Filter, FilterState, Method

@@ -21,10 +21,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint import affine, checks, parallel, series
+from sigmapoint import affine, checks, parallel
 from sigmapoint.affine import Affine
 from sigmapoint.belief import Belief, Spread, SquareRoot
 from sigmapoint.carry import known
+from sigmapoint.compiled import series
 from sigmapoint.conditioning import Joint, condition
 from sigmapoint.filtering import fields
 from sigmapoint.noise import Gaussian, noise_of

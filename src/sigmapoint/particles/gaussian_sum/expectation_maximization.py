@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint.linalg import cholesky
+from sigmapoint.linear_algebra.factors import cholesky
 from sigmapoint.particles.gaussian_sum.mixture import Mixture
 from sigmapoint.particles.weights import EXACT, effective
 from sigmapoint.spaces import Space

@@ -13,8 +13,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from sigmapoint.compiled.series import of_each
 from sigmapoint.distributions import components
-from sigmapoint.linalg import cholesky, solve_lower
+from sigmapoint.linear_algebra.factors import cholesky, solve_lower
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.particles.gaussian_sum.expectation_maximization import about, fitted
 from sigmapoint.particles.gaussian_sum.mixture import Mixture
@@ -23,7 +24,6 @@ from sigmapoint.particles.normals import normals
 from sigmapoint.particles.sampled import Draws, Sampled
 from sigmapoint.particles.state import ParticleInfo, Surprise
 from sigmapoint.particles.weights import Cloud, even, together, weighed
-from sigmapoint.series import of_each
 from sigmapoint.step import Filter
 from sigmapoint.system import initial
 

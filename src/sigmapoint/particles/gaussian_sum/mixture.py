@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sigmapoint.densities import LOG_2PI
-from sigmapoint.linalg import cholesky, one_where_zero, solve_lower
+from sigmapoint.linear_algebra.factors import cholesky, one_where_zero, solve_lower
 from sigmapoint.particles.normals import normals
 from sigmapoint.particles.weights import Cloud, together
 from sigmapoint.spaces import Euclidean, Space

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sigmapoint.linalg import cholesky
+from sigmapoint.linear_algebra.factors import cholesky
 from sigmapoint.particles.gaussian_sum.expectation_maximization import fitted
 from sigmapoint.particles.gaussian_sum.mixture import Mixture
 from sigmapoint.particles.resampling import systematic

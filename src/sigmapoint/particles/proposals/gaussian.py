@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint.belief import Belief
+from sigmapoint.compiled.series import of_each
 from sigmapoint.densities import LOG_2PI
 from sigmapoint.methods import gaussian_filter
 from sigmapoint.model import StateSpaceModel
@@ -33,7 +34,6 @@ from sigmapoint.particles.proposals.proposal import (
     with_covariance,
 )
 from sigmapoint.particles.state import ParticleState
-from sigmapoint.series import of_each
 from sigmapoint.spaces import Space, same_elements
 from sigmapoint.step import Filter, FilterState, Method
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from sigmapoint.runtime import NATIVE, SMALL
+from sigmapoint.compiled.runtime import NATIVE, SMALL
 
 SKIPPED = 64
 """Rows that are left out together where none of them is there."""

@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from sigmapoint.leading import leading
-from sigmapoint.linalg import left_looking, norm_rows, one_where_zero, safe_sqrt, solve_lower
-from sigmapoint.native import gram, materialized, product, small
+from sigmapoint.compiled.native import gram, materialized, product, small
+from sigmapoint.linear_algebra.factors import left_looking, norm_rows, one_where_zero, safe_sqrt, solve_lower
+from sigmapoint.linear_algebra.leading import leading
 
 UNROLLED = 5
 """Up to this size Gram-Schmidt is written out, and takes no longer than by a Cholesky factor."""

@@ -6,7 +6,7 @@ buffers only and calls no library (`runtime`). Then three things decide over its
 * A matrix product is a library call. `product` writes a small one as a sum of outer products, which vectorises;
   `folding` does the same inside a user's function.
 * XLA computes anew what it fuses into several places: a chain of n steps can cost 2ⁿ. `materialized` keeps a value.
-* Library factorisations are calls too; `linalg` and `triangularization` have their own for small sizes.
+* Library factorisations are calls too; `linear_algebra` has their own for small sizes.
 
 Larger arrays are faster in the libraries, and so is everything where loops are not native.
 """
@@ -22,7 +22,7 @@ from jax.extend import core
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, Float, Int
 
-from sigmapoint.runtime import NATIVE, SMALL
+from sigmapoint.compiled.runtime import NATIVE, SMALL
 
 LARGEST = 16
 """The largest dimension of a small array."""

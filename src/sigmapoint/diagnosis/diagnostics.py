@@ -1,8 +1,8 @@
 """Can an estimate be trusted? Consistency of a filter with itself, and with the truth where that is known.
 
-Four questions: are innovations as large as the filter says (NIS, `sigmapoint.consistency`); are they white, unbiased,
-Gaussian and unrelated to the inputs (`sigmapoint.whiteness`); are errors as large as it says, where the truth is known
-(NEES, coverage); and what does all that mean (`sigmapoint.verdicts`).
+Four questions: are innovations as large as the filter says (NIS, `consistency`); are they white, unbiased, Gaussian and
+unrelated to the inputs (`whiteness`); are errors as large as it says, where the truth is known (NEES, coverage); and
+what does all that mean (`verdicts`).
 
 Innovations of a consistent filter are white, so the band of the mean NIS holds; if they are correlated in time the mean
 scatters more than its band says. Errors are *always* correlated in time: the band of the mean NEES is a guide.
@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from sigmapoint import checks, verdicts
-from sigmapoint.accuracy import Coverage, errors
-from sigmapoint.consistency import Consistency, consistency, normalised
+from sigmapoint import checks
+from sigmapoint.diagnosis import verdicts
+from sigmapoint.diagnosis.accuracy import Coverage, errors
+from sigmapoint.diagnosis.consistency import Consistency, consistency, normalised
+from sigmapoint.diagnosis.verdicts import Verdict
+from sigmapoint.diagnosis.whiteness import COLUMNS, Element, examined
 from sigmapoint.results import Posterior, field, host, input_columns, measured_rows
 from sigmapoint.spaces import Euclidean, folded
-from sigmapoint.verdicts import Verdict
-from sigmapoint.whiteness import COLUMNS, Element, examined
 
 BAND = 2.0
 """Standard deviations on both sides of an estimate that figures show, and that sigma points are about as far out as."""
@@ -68,7 +69,7 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
 
     Examples:
         >>> import jax, jax.numpy as jnp, sigmapoint as sp
-        >>> from sigmapoint.diagnostics import diagnose
+        >>> from sigmapoint.diagnosis.diagnostics import diagnose
         >>> model = sp.StateSpaceModel(lambda x, u: 0.9 * x, lambda x, u: x, jnp.eye(1), jnp.eye(1),
         ...                            sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
         >>> x, y = sp.simulate(model, 500, key=jax.random.key(0))

@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from sigmapoint.leading import leading
-from sigmapoint.native import materialized, small
+from sigmapoint.compiled.native import materialized, small
+from sigmapoint.linear_algebra.leading import leading
 
 
 def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:

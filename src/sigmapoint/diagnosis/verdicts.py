@@ -10,9 +10,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from sigmapoint.accuracy import Coverage
-from sigmapoint.consistency import Consistency
-from sigmapoint.whiteness import Element
+from sigmapoint.diagnosis.accuracy import Coverage
+from sigmapoint.diagnosis.consistency import Consistency
+from sigmapoint.diagnosis.whiteness import Element
 
 Severity = Literal["good", "warning", "bad"]
 
