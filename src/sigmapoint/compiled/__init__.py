@@ -1,0 +1,1 @@
+"""How functions and loops over series are put, so that XLA makes fast programs of them."""

@@ -1,0 +1,1 @@
+"""Factors of covariances: triangularised, multiplied, solved with, derived."""
