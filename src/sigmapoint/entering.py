@@ -79,7 +79,12 @@ class StackedNoise(NamedTuple):
         return Entry(self.mean.shape[0], lambda x, u, xi: f(x, u, self.mean + applied(self.spread.factor, xi)), None)
 
     def drawn(self, f: Callable[..., Any], space: Space) -> Callable[[Array, Any, Array], tuple[Array, Array]]:
-        return lambda x, u, w: (f(x, u, w),) * 2
+        def call(x: Array, u: Any, w: Array) -> tuple[Array, Array]:
+            value = f(x, u, w)
+            moved = space.retract(value, space.residual(value, value))  # nowhere, but into the space
+            return moved, moved
+
+        return call
 
 
 class NoiseSeries(NamedTuple):

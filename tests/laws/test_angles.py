@@ -83,3 +83,14 @@ def test_a_manifold_of_the_users_own():
         a, b = run(direct, y, None, sp.srcdkf()), run(positive, np.exp(y), None, sp.srcdkf())
         np.testing.assert_allclose(jnp.log(b.mean), a.mean, atol=1e-12)
         np.testing.assert_allclose(b.log_likelihood, a.log_likelihood, rtol=1e-12)
+
+
+def test_simulated_states_stay_in_their_space_however_the_noise_enters():
+    one = np.eye(1)
+    for noise, f in ((one, lambda x, u: x + 0.5), (sp.NonAdditive(one), lambda x, u, w: x + 0.5 + w)):
+        model = sp.StateSpaceModel(
+            f, lambda x, u: x, noise, one, sp.Gaussian(np.zeros(1), one), state_space=sp.angles(0)
+        )
+        x, _ = sp.simulate(model, 50, key=0)
+        assert (np.abs(x) <= np.pi).all()
+        assert (np.abs(np.diff(x, axis=0)) > np.pi).any()
