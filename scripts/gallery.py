@@ -1,0 +1,96 @@
+"""Make the documentation's gallery, `docs/gallery.md` and its pictures, from what `sigmapoint reproduce --all` has left.
+
+    uv run sigmapoint reproduce --all --data DIR --out OUT
+    uv run python scripts/gallery.py OUT
+"""
+
+import json
+import sys
+from datetime import datetime
+from pathlib import Path
+
+from PIL import Image
+
+from sigmapoint.experiments import EXPERIMENTS
+
+DOCS = Path(__file__).parents[1] / "docs"
+IMAGES = DOCS / "images" / "gallery"
+WIDE = 1000
+"""[pixels] no wider than this"""
+COLOURS = 64
+SHOWN = {
+    "scalar": "scalar-run.png",
+    "transform": "transform-ellipses.png",
+    "mackey-glass": "mackey-glass.png",
+    "cost": "cost.png",
+    "robot-arm": "robot-arm-forgetting.png",
+    "four-regions": "four-regions-maps.png",
+    "mackey-glass-learning": "mackey-glass-learning-filters.png",
+    "ikeda": "ikeda-filters.png",
+    "rosenbrock": "rosenbrock.png",
+    "pendulum-parameters": "estimates.png",
+    "pendulum-state": "pendulum-state-film.gif",
+    "pendulum-adaptive": "pendulum-adaptive-run.png",
+    "smoother": "smoother.png",
+    "modes": "modes-shares.png",
+    "battery-joint": "battery-joint-estimates.png",
+    "dual-ar": "dual-ar-estimate.png",
+    "dual-mackey-glass": "dual-mackey-glass-estimate.png",
+    "f15": "f15-mission.png",
+    "upf-synthetic": "upf-synthetic-run.png",
+    "options": "options-states.png",
+    "terrain": "terrain-ridge.png",
+}
+"""The picture of each that says most."""
+WORDS = {True: "reproduced", False: "not reproduced", None: "not decided"}
+
+
+def main(out: Path) -> None:
+    """Read OUT, write the page."""
+    done = {name: _read(out / name / "claim.json") for name in EXPERIMENTS}
+    runs = {name: _read(out / name / "run.json") for name in EXPERIMENTS}
+    held = sum(bool(claim["holds"]) for claim in done.values())
+    day = datetime.fromtimestamp((out / "index.html").stat().st_mtime).date()
+    versions = ", ".join(f"{name} {one}" for name, one in next(iter(runs.values()))["versions"].items())
+    lines = [
+        "# Gallery of experiments",
+        "",
+        "Every experiment of the papers, and a few of ours, each from one command. `sigmapoint reproduce --all` runs them "
+        "and leaves an index with published beside measured numbers; `sigmapoint reproduce NAME` runs one and leaves a "
+        f"page with its tables and figures. This is the run of {day} ({versions}): {held} of {len(done)} claims were "
+        "reproduced. Numbers come with their standard errors, and what was not reproduced says why.",
+        "",
+        "| experiment | claim | |",
+        "|---|---|---|",
+        *(f"| [{name}](#{name}) | {claim['claim']} | {WORDS[claim['holds']]} |" for name, claim in done.items()),
+    ]
+    IMAGES.mkdir(parents=True, exist_ok=True)
+    for name, claim in done.items():
+        picture = _shown(name, out / name / SHOWN[name])
+        lines += ["", f"## {name}", "", f"{claim['title']}. Claim: {claim['claim']}."]
+        lines += ["", f"![{claim['title']}](images/gallery/{picture})", "", f"**{_capital(claim['verdict'])}.**"]
+        lines += ["", f"`sigmapoint reproduce {name}`: {runs[name]['seconds'] / 60:.1f} minutes."]
+    (DOCS / "gallery.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _shown(name: str, picture: Path) -> str:
+    """The name of the picture's copy, in few colours; a film's first frames say nothing, so it is copied whole."""
+    if picture.suffix == ".gif":
+        (IMAGES / f"{name}.gif").write_bytes(picture.read_bytes())
+        return f"{name}.gif"
+    image = Image.open(picture).convert("RGB")
+    image.thumbnail((WIDE, 10 * WIDE), Image.Resampling.LANCZOS)
+    image.quantize(COLOURS).save(IMAGES / f"{name}.png", optimize=True)
+    return f"{name}.png"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _read(path: Path) -> dict:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
