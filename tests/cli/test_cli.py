@@ -436,6 +436,24 @@ def test_reproduce_all_leaves_an_index_of_claims_and_takes_up_what_was_broken_of
     assert experiments == ["toy", "game", "toy", "game", "toy"]
 
 
+def test_an_experiment_that_fails_does_not_keep_the_others_from_running(experiments, monkeypatch, tmp_path):
+    from sigmapoint.experiments import EXPERIMENTS
+
+    def broken(*_):
+        raise ImportError("the toy needs <springs>")
+
+    whole = EXPERIMENTS["toy"].run
+    monkeypatch.setattr(EXPERIMENTS["toy"], "run", broken)
+    assert "toy failed, see above; --resume" in message("reproduce", "--all", "--out", tmp_path, code=1)
+    index = (tmp_path / "index.html").read_text()
+    assert "<td>toy</td><td>failed: ImportError: the toy needs &lt;springs&gt;</td>" in index
+    assert "0 of 2 claims reproduced" in index
+    monkeypatch.setattr(EXPERIMENTS["toy"], "run", whole)
+    invoke("reproduce", "--all", "--resume", "--out", tmp_path)
+    assert experiments == ["game", "toy"]
+    assert "1 of 2 claims reproduced" in (tmp_path / "index.html").read_text()
+
+
 def test_reproduce_hands_a_folder_of_data_to_those_that_take_one(experiments, tmp_path):
     assert "two files" in invoke("reproduce", "--list").stdout
     invoke("reproduce", "--all", "--data", tmp_path, "--out", tmp_path / "out")

@@ -85,10 +85,11 @@ def _explained(error: Exception) -> tuple[str, int]:
         return str(error), 2
     if isinstance(error, OSError):
         return f"{error.strerror or error}: {error.filename}" if error.filename else str(error), 2
-    return f"{_named(error)} (run again with --debug for the traceback)", 1
+    return f"{named(error)} (run again with --debug for the traceback)", 1
 
 
-def _named(error: BaseException) -> str:
+def named(error: BaseException) -> str:
+    """Its type, and what it says in one line."""
     first = str(error).strip().split("\n")[0]
     notes = [note for note in getattr(error, "__notes__", ()) if "\n" not in note]  # ours; those of JAX are longer
     return "; ".join([f"{type(error).__name__}: {first}" if first else type(error).__name__, *notes])
@@ -107,7 +108,7 @@ def blaming(path: Path) -> Iterator[None]:
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         if not lines:
             raise
-        raise InputError(f"{path}, line {lines[-1]}: {_named(error)}") from error
+        raise InputError(f"{path}, line {lines[-1]}: {named(error)}") from error
 
 
 @contextmanager

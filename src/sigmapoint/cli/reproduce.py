@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from sigmapoint.cli import output
-from sigmapoint.cli.errors import InputError, folder, guarded
+from sigmapoint.cli.errors import InputError, folder, guarded, named
 from sigmapoint.cli.run import Debug
 
 
@@ -36,6 +36,7 @@ def reproduce(
 
     Each writes results.json, claim.json, run.json, figures and report.html into DIR/NAME; --all also index.html, with
     every claim and what became of it, and the published numbers beside the measured ones as results.md and .tex.
+    One that fails is named there, and the others run on.
     """
     from sigmapoint.experiments import EXPERIMENTS
     from sigmapoint.experiments.campaign import Settings, conducted, finished, index
@@ -48,16 +49,27 @@ def reproduce(
     chosen = list(EXPERIMENTS) if every else [_known(name, list(EXPERIMENTS))]
     takers = _takers(data, chosen, {e.name: e.data for e in EXPERIMENTS.values()})
     folders = {experiment: folder(out / experiment) for experiment in chosen}
+    failed: dict[str, Exception] = {}
     for experiment in chosen:
         settings = Settings(runs, seed, quick, str(data) if experiment in takers else None)
         rows = finished(settings, folders[experiment]) if resume else None
         if rows is None:
-            with Console(stderr=True).status(f"running {experiment}"):
-                rows = conducted(EXPERIMENTS[experiment], settings, folders[experiment])
+            try:
+                with Console(stderr=True).status(f"running {experiment}"):
+                    rows = conducted(EXPERIMENTS[experiment], settings, folders[experiment])
+            except Exception as error:
+                if debug or not every:
+                    raise
+                failed[experiment] = error  # the others do not depend on it
+                console.print(f"{experiment} failed: {named(error)}", markup=False)
+                continue
         console.print(output.table(experiment, _shown(rows)))
         output.written(console, sorted(p for p in folders[experiment].iterdir() if p.is_file()))
     if every:
-        output.written(console, index(out, chosen))
+        output.written(console, index(out, chosen, {name: named(error) for name, error in failed.items()}))
+    if failed:
+        names = ", ".join(failed)
+        raise RuntimeError(f"{names} failed, see above; --resume runs only what is missing")
 
 
 def _known(name: str | None, names: list[str]) -> str:

@@ -75,12 +75,12 @@ class Done(NamedTuple):
         return [row for row in self.rows if row["published"] is not None]
 
 
-def index(out: Path, names: Sequence[str]) -> list[Path]:
-    """Write the index of the experiments in these folders of `out`; the files written."""
-    every = [Done.of(name, out) for name in names]
+def index(out: Path, names: Sequence[str], failed: Mapping[str, str]) -> list[Path]:
+    """Write the index of the experiments in these folders of `out`; of those that `failed`, why. The files written."""
+    every = [Done.of(name, out) for name in names if name not in failed]
     rows = [row for done in every for row in done.rows]
     files = {
-        "index.html": framed("The papers' experiments", _index(every)),
+        "index.html": framed("The papers' experiments", _index(every, failed)),
         "results.json": json.dumps(rows, indent=1, ensure_ascii=False),
         "results.md": _markdown(every),
         "results.tex": _latex(every),
@@ -88,16 +88,19 @@ def index(out: Path, names: Sequence[str]) -> list[Path]:
     return [_write(out / name, text) for name, text in files.items()]
 
 
-def _index(every: Sequence[Done]) -> str:
+def _index(every: Sequence[Done], failed: Mapping[str, str]) -> str:
     held = [done for done in every if done.claim["holds"]]
     lines = "".join(
         f'<tr><td><a href="#{done.name}">{done.name}</a></td><td>{escape(done.claim["claim"])}</td>'
         f"<td>{WORDS[done.claim['holds']]}</td><td class=n>{done.run['seconds']:.0f}</td></tr>"
         for done in every
     )
+    lines += "".join(
+        f"<tr><td>{name}</td><td>failed: {escape(why)}</td><td></td><td></td></tr>" for name, why in failed.items()
+    )
     minutes = sum(done.run["seconds"] for done in every) / 60
     return (
-        f"<p>{len(held)} of {len(every)} claims reproduced, in {minutes:.0f} minutes.</p>"
+        f"<p>{len(held)} of {len(every) + len(failed)} claims reproduced, in {minutes:.0f} minutes.</p>"
         f'<div class="wide"><table>{SUMMARY}{lines}</table></div>' + "".join(_section(done) for done in every)
     )
 
