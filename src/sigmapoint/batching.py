@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int
 
 from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.checks import data as data_checks
+from sigmapoint.checks import data_checks
 from sigmapoint.compiled.series import of_each, one_by_one
 from sigmapoint.filtering import Estimator, Forward, fitting, series_of
 from sigmapoint.model import StateSpaceModel

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
-from sigmapoint.checks import data as data_checks
+from sigmapoint.checks import data_checks
 from sigmapoint.contents import Contents
 from sigmapoint.diagnosis.accuracy import errors
 from sigmapoint.diagnosis.consistency import surprise

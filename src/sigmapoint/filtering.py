@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.checks import data as data_checks
+from sigmapoint.checks import data_checks
 from sigmapoint.compiled import series
 from sigmapoint.methods import Method, gaussian_filter, srcdkf
 from sigmapoint.model import StateSpaceModel

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from sigmapoint import checks
-from sigmapoint.checks import functions as function_checks
+from sigmapoint.checks import function_checks
 from sigmapoint.linear_algebra.leading import leading
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import equinox as eqx
 
 from sigmapoint import checks
-from sigmapoint.checks import beliefs as belief_checks
+from sigmapoint.checks import belief_checks
 from sigmapoint.jacobians import with_jacobian
 from sigmapoint.noise import Additive, Gaussian, NonAdditive, initial_of, noise_of
 from sigmapoint.spaces import Euclidean, Space

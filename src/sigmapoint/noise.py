@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
-from sigmapoint.checks import beliefs as belief_checks
+from sigmapoint.checks import belief_checks
 from sigmapoint.distributions import Distribution, moments, size_of
 from sigmapoint.entering import AdditiveNoise, StackedNoise
 

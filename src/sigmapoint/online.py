@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.checks import data as data_checks
+from sigmapoint.checks import data_checks
 from sigmapoint.filtering import fitting
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.online_calls import calls

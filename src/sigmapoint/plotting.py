@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from sigmapoint import checks
-from sigmapoint.checks import data as data_checks
+from sigmapoint.checks import data_checks
 from sigmapoint.contents import Panel
 from sigmapoint.curves import broken, principal, wraps
 from sigmapoint.results import Posterior, field

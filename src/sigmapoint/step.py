@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from sigmapoint.belief import Belief, covariance
 from sigmapoint.carry import Carry, Functions, Points, Redraw
-from sigmapoint.checks import beliefs as belief_checks
+from sigmapoint.checks import belief_checks
 from sigmapoint.conditioning import Conditioned, condition
 from sigmapoint.densities import LOG_2PI
 from sigmapoint.entering import NoiseSeries

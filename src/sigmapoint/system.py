@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool
 
 from sigmapoint.belief import Spread
 from sigmapoint.carry import Functions
-from sigmapoint.checks import functions as function_checks
+from sigmapoint.checks import function_checks
 from sigmapoint.compiled.folding import folded
 from sigmapoint.densities import Density, Normal, whitening
 from sigmapoint.distributions import Given

@@ -7,7 +7,7 @@ import pytest
 from mpmath import mp
 
 from sigmapoint.compiled import folding
-from sigmapoint.linear_algebra.elementary import LARGEST_ANGLE, VECTORISED
+from sigmapoint.compiled.elementary import LARGEST_ANGLE, VECTORISED
 
 SIN, COS, ATAN2, ATAN = VECTORISED.values()
 ULPS = 2.0

@@ -11,9 +11,9 @@ import numpy as np
 from jax.extend import core
 from jaxtyping import Array
 
+from sigmapoint.compiled.elementary import VECTORISED
 from sigmapoint.compiled.native import product
 from sigmapoint.compiled.runtime import NATIVE
-from sigmapoint.linear_algebra.elementary import VECTORISED
 
 
 def folded(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from sigmapoint.checks import data as data_checks
+from sigmapoint.checks import data_checks
 from sigmapoint.results import Posterior, field
 
 SIGMAS = (1, 2, 3)

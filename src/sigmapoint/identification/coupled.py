@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from sigmapoint import checks, filtering
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.checks import data as data_checks
+from sigmapoint.checks import data_checks
 from sigmapoint.compiled import series
 from sigmapoint.identification.cell import Cell, Sample
 from sigmapoint.identification.costs import Seen

@@ -9,8 +9,7 @@ import numpy as np
 
 from sigmapoint import checks
 from sigmapoint.carry import Redraw
-from sigmapoint.checks import beliefs as belief_checks
-from sigmapoint.checks import data as data_checks
+from sigmapoint.checks import belief_checks, data_checks
 from sigmapoint.learning import measurement_noise, sharding
 from sigmapoint.learning.drift import Drift, drift_of
 from sigmapoint.learning.measurement_noise import Known, MeasurementNoise

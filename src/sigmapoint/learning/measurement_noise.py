@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks
 from sigmapoint.belief import symmetric
-from sigmapoint.checks import beliefs as belief_checks
+from sigmapoint.checks import belief_checks
 
 LEAST = 1e-8
 """A variance is not learned to be less than this part of what it started with: from zero it could not grow again."""

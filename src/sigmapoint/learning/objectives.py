@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
-from sigmapoint.checks import data as data_checks
+from sigmapoint.checks import data_checks
 from sigmapoint.methods import Method
 from sigmapoint.spaces import Euclidean, Space
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
-from sigmapoint.checks import data as data_checks
+from sigmapoint.checks import data_checks
 from sigmapoint.learning.objectives import Objective, listed
 from sigmapoint.linear_algebra.factors import safe_sqrt
 from sigmapoint.methods import Method

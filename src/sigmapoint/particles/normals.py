@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from sigmapoint.linear_algebra.elementary import COSINE, SINE, polynomial
+from sigmapoint.compiled.elementary import COSINE, SINE, polynomial
 
 
 def normals(key: Array, shape: tuple[int, ...], dtype: Any) -> Float[Array, "..."]:

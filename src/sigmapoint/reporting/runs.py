@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from sigmapoint.checks import data as data_checks
+from sigmapoint.checks import data_checks
 from sigmapoint.curves import principal
 from sigmapoint.diagnosis.accuracy import Coverage, errors
 from sigmapoint.diagnosis.consistency import normalised

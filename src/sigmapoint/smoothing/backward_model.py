@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from sigmapoint.belief import Belief, Spread
 from sigmapoint.carry import known
-from sigmapoint.checks import data as data_checks
+from sigmapoint.checks import data_checks
 from sigmapoint.compiled import series
 from sigmapoint.conditioning import Joint, condition
 from sigmapoint.filtering import fields

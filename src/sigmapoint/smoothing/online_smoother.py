@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 from sigmapoint import checks
 from sigmapoint.belief import Belief
 from sigmapoint.blackbox import unwrapped
-from sigmapoint.checks import data as data_checks
+from sigmapoint.checks import data_checks
 from sigmapoint.filtering import gaussian
 from sigmapoint.methods import Method
 from sigmapoint.model import StateSpaceModel

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
-from sigmapoint.checks import beliefs as belief_checks
+from sigmapoint.checks import belief_checks
 from sigmapoint.densities import finite_part
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Additive
