@@ -424,7 +424,7 @@ def test_reproduce_all_leaves_an_index_of_claims_and_takes_up_what_was_broken_of
     assert "half is &lt; one" in index
     assert "not decided by these runs: on all sides" in index
     assert 'href="game/report.html"' in index
-    assert r"toy & error \& slope & UKF & 0.4 & 0.5 & – \\" in (tmp_path / "results.tex").read_text()
+    assert r"toy & error \& slope & UKF & $0.4$ & $0.5$ & -- & 100 \\" in (tmp_path / "results.tex").read_text()
     assert "| game | error & slope | UKF | 0.4 | 0.5 | – | 100 |" in (tmp_path / "results.md").read_text()
     assert len(json.loads((tmp_path / "results.json").read_text())) == 2
     run = json.loads((tmp_path / "toy" / "run.json").read_text())
@@ -466,5 +466,6 @@ def test_reproduce_hands_a_folder_of_data_to_those_that_take_one(experiments, tm
 
 def test_reproduce_names_the_experiments_where_none_or_another_is_given(experiments):
     assert "experiments: toy, game" in message("reproduce")
+    assert "give toy or --all, not both" in message("reproduce", "toy", "--all")
     assert "Did you mean toy?" in message("reproduce", "tog")
     assert message("reproduce", "toy", "--runs", 0)

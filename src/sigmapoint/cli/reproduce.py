@@ -4,14 +4,18 @@ import difflib
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
 from sigmapoint.cli import output
-from sigmapoint.cli.errors import InputError, folder, guarded, named
+from sigmapoint.cli.errors import InputError, folder, guarded, named, stopped
 from sigmapoint.cli.run import Debug
+
+if TYPE_CHECKING:
+    from sigmapoint.experiments import Experiment
+    from sigmapoint.experiments.campaign import Settings
 
 
 @guarded
@@ -39,37 +43,49 @@ def reproduce(
     One that fails is named there, and the others run on.
     """
     from sigmapoint.experiments import EXPERIMENTS
-    from sigmapoint.experiments.campaign import Settings, conducted, finished, index
+    from sigmapoint.experiments.campaign import Settings, finished, index
 
     console = Console()
     if show:
         known = [{"name": e.name, "what": e.description, "--data": e.data or None} for e in EXPERIMENTS.values()]
         console.print(output.table("experiments", known))
         return
+    if every and name is not None:
+        raise InputError(f"give {name} or --all, not both")
     chosen = list(EXPERIMENTS) if every else [_known(name, list(EXPERIMENTS))]
     takers = _takers(data, chosen, {e.name: e.data for e in EXPERIMENTS.values()})
     folders = {experiment: folder(out / experiment) for experiment in chosen}
-    failed: dict[str, Exception] = {}
-    for experiment in chosen:
-        settings = Settings(runs, seed, quick, str(data) if experiment in takers else None)
-        rows = finished(settings, folders[experiment]) if resume else None
-        if rows is None:
+    done, failed = [], {}
+    try:
+        for experiment in chosen:
+            stopped()
+            settings = Settings(runs, seed, quick, str(data.resolve()) if data and experiment in takers else None)
             try:
-                with Console(stderr=True).status(f"running {experiment}"):
-                    rows = conducted(EXPERIMENTS[experiment], settings, folders[experiment])
+                if resume and finished(settings, folders[experiment]):
+                    console.print(f"kept {folders[experiment]}", markup=False)
+                else:
+                    _conduct(EXPERIMENTS[experiment], settings, folders[experiment], console)
             except Exception as error:
                 if debug or not every:
                     raise
-                failed[experiment] = error  # the others do not depend on it
-                console.print(f"{experiment} failed: {named(error)}", markup=False)
+                failed[experiment] = named(error)  # the others do not depend on it
+                console.print(f"{experiment} failed: {failed[experiment]}", markup=False)
                 continue
-        console.print(output.table(experiment, _shown(rows)))
-        output.written(console, sorted(p for p in folders[experiment].iterdir() if p.is_file()))
-    if every:
-        output.written(console, index(out, chosen, {name: named(error) for name, error in failed.items()}))
+            done.append(experiment)
+    finally:  # also of what was done before an interrupt
+        if every and done + list(failed):
+            output.written(console, index(out, done, failed))
     if failed:
-        names = ", ".join(failed)
-        raise RuntimeError(f"{names} failed, see above; --resume runs only what is missing")
+        raise RuntimeError(f"{', '.join(failed)} failed, see above; --resume runs only what is missing")
+
+
+def _conduct(experiment: "Experiment", settings: "Settings", out: Path, console: Console) -> None:
+    from sigmapoint.experiments.campaign import conducted
+
+    with Console(stderr=True).status(f"running {experiment.name}"):
+        rows = conducted(experiment, settings, out)
+    console.print(output.table(experiment.name, _shown(rows)))
+    output.written(console, sorted(p for p in out.iterdir() if p.is_file()))
 
 
 def _known(name: str | None, names: list[str]) -> str:

@@ -6,19 +6,22 @@ and `results.tex`.
 """
 
 import json
+import os
 import platform
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from html import escape
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sigmapoint.experiments import Experiment
 from sigmapoint.experiments.page import framed, number
+from sigmapoint.experiments.results import WORDS
 from sigmapoint.storage import write_atomically
 from sigmapoint.timing import clocked
 
-PACKAGES = ("sigmapoint", "jax", "jaxlib", "numpy", "scipy")
+PACKAGES = ("sigmapoint", "jax", "jaxlib", "equinox", "numpy", "scipy", "jsbsim")
 FILES = ("claim.json", "results.json", "report.html", "run.json")
 """Of an experiment that came to its end."""
 
@@ -38,23 +41,28 @@ def conducted(experiment: Experiment, settings: Settings, out: Path) -> list[dic
     """Run an experiment in its folder, and note how; its rows."""
     folder = () if settings.data is None else (Path(settings.data),)
     (out / "run.json").unlink(missing_ok=True)
+    where = {"versions": versions(), "cores": os.cpu_count()}
     rows, seconds = clocked(lambda: experiment.run(settings.runs, settings.seed, out, settings.quick, *folder))
-    versions = {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
-    done = {**settings._asdict(), "seconds": seconds, "versions": versions}
+    done = {**settings._asdict(), "seconds": seconds, **where}
     _write(out / "run.json", json.dumps(done, indent=1))
     return rows
 
 
-def finished(settings: Settings, out: Path) -> list[dict[str, Any]] | None:
-    """The rows of an experiment that was run to its end with these settings; nothing of any other."""
+def versions() -> dict[str, str]:
+    """Of what computes, as far as it is installed."""
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
+
+
+def finished(settings: Settings, out: Path) -> bool:
+    """Whether an experiment was run to its end with these settings."""
     if not all((out / name).is_file() for name in FILES):
-        return None
+        return False
     done = _read(out / "run.json")
-    return (
-        _read(out / "results.json")
-        if {name: done.get(name) for name in settings._fields} == settings._asdict()
-        else None
-    )
+    return {name: done.get(name) for name in settings._fields} == settings._asdict()
 
 
 class Done(NamedTuple):
@@ -77,7 +85,7 @@ class Done(NamedTuple):
 
 def index(out: Path, names: Sequence[str], failed: Mapping[str, str]) -> list[Path]:
     """Write the index of the experiments in these folders of `out`; of those that `failed`, why. The files written."""
-    every = [Done.of(name, out) for name in names if name not in failed]
+    every = [Done.of(name, out) for name in names]
     rows = [row for done in every for row in done.rows]
     files = {
         "index.html": framed("The papers' experiments", _index(every, failed)),
@@ -114,13 +122,17 @@ def _section(done: Done) -> str:
     )
     more = f"<p><small>{len(shown) - MOST} more on its page.</small></p>" if len(shown) > MOST else ""
     run, claim = done.run, done.claim
-    how = f"{run['seconds']:.0f} s, seed {run['seed']}{', quick' if run['quick'] else ''}"
+    first = "".join(
+        f'<figure><img alt="{escape(claim["title"])}" loading="lazy" src="{done.name}/{file}"></figure>'
+        for file in claim["pictures"][:1]
+    )
+    how = f"{run['seconds']:.0f} s, seed {run['seed']}{', quick' if run['quick'] else ''}, {run['cores']} cores"
     versions = ", ".join(f"{name} {one}" for name, one in run["versions"].items())
     return (
         f'<h2 id="{done.name}"><a href="{done.name}/report.html">{done.name}</a></h2><p>{escape(claim["title"])}.</p>'
         f"<p>Claim: {escape(claim['claim'])}</p>"
         f"<p><strong>{escape(claim['verdict'])}</strong>.</p>"
-        f'<div class="wide"><table>{HEAD}{lines}</table></div>{more}'
+        f'{first}<div class="wide"><table>{HEAD}{lines}</table></div>{more}'
         f"<p><small>{escape(how)}; {escape(versions)}</small></p>"
     )
 
@@ -139,16 +151,25 @@ def _markdown(every: Sequence[Done]) -> str:
 def _latex(every: Sequence[Done]) -> str:
     lines = [
         " & ".join(map(_tex, (done.name, row["quantity"], row["method"])))
-        + f" & {number(row['published'])} & {number(row['measured'])} & {number(row['spread'])} \\\\"
+        + "".join(f" & {_digits(row[column])}" for column in ("published", "measured", "spread"))
+        + f" & {row['runs']} \\\\"
         for done in every
         for row in done.printed
     ]
-    head = r"experiment & quantity & method & published & measured & $\pm$ \\"
-    return "\n".join([r"\begin{tabular}{lllrrr}", head, r"\hline", *lines, r"\end{tabular}"]) + "\n"
+    head = r"experiment & quantity & method & published & measured & $\pm$ & runs \\"
+    return "\n".join([ENGINE, r"\begin{tabular}{lllrrrr}", head, r"\hline", *lines, r"\end{tabular}"]) + "\n"
 
 
 def _tex(text: str) -> str:
-    return "".join(f"\\{c}" if c in "&%$#_{}" else c for c in text)
+    return "".join(SPELT.get(c, c) for c in text)
+
+
+def _digits(value: float | None) -> str:
+    """A number in a column of LaTeX."""
+    shown = number(value).replace("−", "-")
+    mantissa, is_small, power = shown.partition("e")
+    shown = f"{mantissa}\\cdot 10^{{{int(power)}}}" if is_small else shown
+    return "--" if shown == "–" else f"${shown}$"
 
 
 def _read(path: Path) -> Any:
@@ -160,7 +181,11 @@ def _write(path: Path, text: str) -> Path:
     return path
 
 
-WORDS = {True: "reproduced", False: "not reproduced", None: "not decided"}
+ENGINE = "% Greek letters stand as they are: for LuaLaTeX or XeLaTeX."
+SPELT = {c: f"\\{c}" for c in "&%$#_{}"} | {
+    "\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}",
+}  # fmt: skip
+"""what LaTeX would take for something else"""
 SUMMARY = "<thead><tr><td>experiment</td><td>claim</td><td></td><td class=n>seconds</td></tr></thead>"
 MOST = 12
 """rows of one experiment on the index"""

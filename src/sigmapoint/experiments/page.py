@@ -14,8 +14,8 @@ Record = Mapping[str, Any]
 class Image(NamedTuple):
     """What a browser shows."""
 
-    kind: str
-    """`png` or `gif`"""
+    file: str
+    """its name, with `.png` or `.gif` at the end"""
     content: bytes
 
 
@@ -38,7 +38,7 @@ def framed(title: str, body: str) -> str:
 def _figure(caption: str, image: Image) -> str:
     caption = escape(caption)
     data = base64.b64encode(image.content).decode()
-    image_tag = f'<img alt="{caption}" src="data:image/{image.kind};base64,{data}">'
+    image_tag = f'<img alt="{caption}" src="data:image/{image.file[-3:]};base64,{data}">'
     return f"<figure>{image_tag}<figcaption>{caption}</figcaption></figure>"
 
 

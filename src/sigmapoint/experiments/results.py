@@ -63,7 +63,7 @@ class Picture(NamedTuple):
             self.figure.set_layout_engine("none")  # as laid out by the first
             images[kind] = buffer.getvalue()
             _write(out / f"{self.name}.{kind}", images[kind])
-        return Image("png", images["png"])
+        return Image(f"{self.name}.png", images["png"])
 
 
 class Film(NamedTuple):
@@ -82,7 +82,11 @@ class Film(NamedTuple):
             self.animation.save(path, writer=PillowWriter(fps=self.rate), dpi=72)
             content = path.read_bytes()
         _write(out / f"{self.name}.gif", content)
-        return Image("gif", content)
+        return Image(f"{self.name}.gif", content)
+
+
+WORDS = {True: "reproduced", False: "not reproduced", None: "not decided"}
+"""what became of a claim, by whether it holds"""
 
 
 class Claim(NamedTuple):
@@ -103,8 +107,10 @@ class Claim(NamedTuple):
     @property
     def verdict(self) -> str:
         """In words, with the parts that decide it."""
-        word = {True: "reproduced", False: "not reproduced, because", None: "not decided by these runs"}[self.holds]
-        return f"{word}: {'; '.join(part for part, holds in self.parts.items() if holds is self.holds)}"
+        why = {True: "", False: ", because", None: " by these runs"}[self.holds]
+        return (
+            f"{WORDS[self.holds]}{why}: {'; '.join(part for part, holds in self.parts.items() if holds is self.holds)}"
+        )
 
 
 class Mean(NamedTuple):
@@ -163,9 +169,10 @@ def publish(
     records = [_record(row) for row in rows]
     text = json.dumps(records, indent=1, ensure_ascii=False, allow_nan=False)
     _write(out / "results.json", text.encode())
-    said = {"title": title, "claim": claim.said, "holds": claim.holds, "verdict": claim.verdict}
-    _write(out / "claim.json", json.dumps(said, indent=1, ensure_ascii=False).encode())
     images = [picture.saved(out) for picture in pictures]
+    said = {"title": title, "claim": claim.said, "holds": claim.holds, "verdict": claim.verdict}
+    said["pictures"] = [image.file for image in images]
+    _write(out / "claim.json", json.dumps(said, indent=1, ensure_ascii=False).encode())
     about = (f"Claim: {claim.said}", claim.verdict[0].upper() + claim.verdict[1:] + ".", *findings)
     captions = [picture.caption for picture in pictures]
     _write(out / "report.html", page(title, about, [row._asdict() for row in rows], captions, images).encode())
