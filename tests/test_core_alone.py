@@ -52,7 +52,7 @@ def test_what_is_missing_is_named_where_it_is_needed():
         "fit needs optimistix: pip install sigmapoint[fit]",
         "pmmh needs blackjax: pip install sigmapoint[mcmc]",
         "smc2 needs blackjax: pip install sigmapoint[mcmc]",
-        "the f15 needs jsbsim: pip install sigmapoint[simulator]",
+        "the F-15 simulator needs jsbsim: pip install sigmapoint[simulator]",
     ]
 
 

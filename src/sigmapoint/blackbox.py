@@ -10,9 +10,11 @@ import itertools
 import multiprocessing
 import pickle
 import re
+import signal
 import threading
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 import jax
@@ -65,7 +67,7 @@ class Blackbox:
     def close(self) -> None:
         """End the worker processes, if there are any."""
         if self._pool is not None:
-            self._pool.shutdown()
+            self._pool.shutdown(cancel_futures=True)
             self._pool = None
 
     def _call(self, size: int, dtype: Any, *args: Any) -> np.ndarray:
@@ -92,15 +94,22 @@ class Blackbox:
         if self._pool is None:
             _sendable(self._function)
             # `spawn`: a forked child would inherit the locks of JAX's threads.
-            self._pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"))
+            self._pool = ProcessPoolExecutor(
+                self._workers, multiprocessing.get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)
+            )  # Ctrl-C is for this process, which ends them
         # A part for each process in arrays of many rows: to send arrays costs by their number, not by their size.
         ends = [count * i // self._workers for i in range(self._workers + 1)]
-        parts = [
-            self._pool.submit(_each, self._function, jax.tree.map(lambda a, i=i, j=j: a[i:j], rows), j - i)
-            for i, j in itertools.pairwise(ends)
-            if j > i
-        ]
-        return np.concatenate([part.result() for part in parts]) if parts else []
+        try:
+            parts = [
+                self._pool.submit(_each, self._function, jax.tree.map(lambda a, i=i, j=j: a[i:j], rows), j - i)
+                for i, j in itertools.pairwise(ends)
+                if j > i
+            ]
+            return np.concatenate([part.result() for part in parts]) if parts else []
+        except BrokenProcessPool as error:
+            self.close()
+            error.add_note("blackbox: a worker process ended; did the simulator crash, or run out of memory?")
+            raise
 
 
 def _real(values: Any) -> np.ndarray:

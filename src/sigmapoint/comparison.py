@@ -105,7 +105,7 @@ def _note(post: Posterior) -> str:
     return "" if np.isfinite(float(post.log_likelihood)) else "the likelihood is not finite"
 
 
-def row_of(name: str, model: StateSpaceModel, run: Callable[[], Posterior], truth: Any) -> tuple[Row, Posterior | None]:
+def row_of(name: str, run: Callable[[], Posterior], truth: Any) -> tuple[Row, Posterior | None]:
     """Run one method and judge it; where it refuses, a row with its message."""
     try:
         post, warm, compiling = timed(run)
@@ -174,7 +174,7 @@ def compare(
     rows, posteriors = [], {}
     for name, method in chosen.items():
         each(name)
-        row, post = row_of(name, model, lambda method=method: estimate(model, y, u, method, key=key), states)
+        row, post = row_of(name, lambda method=method: estimate(model, y, u, method, key=key), states)
         rows.append(row)
         if post is not None:
             posteriors[name] = post

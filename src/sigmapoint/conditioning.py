@@ -3,7 +3,8 @@
     y = ȳ + Φ ξ + E ε + v,      x = x̄ + X ξ,      ξ, ε ~ N(0, I),  v ~ N(0, R)
 
 The value's elements `φ ζ`, rows of [Φ E S_R] over ζ = (ξ, ε, ν), are taken in one after the other in Carlson's form
-(Carlson 1973; Bierman 1977, section V.2), which has sums of squares only and no downdate. With ρⱼ = φⱼ² + … + φₖ²:
+(Carlson 1973; Bierman 1977, section V.2), which has sums of squares only and no downdate; large arrays by a Cholesky
+factor in the libraries where that is as good (`_together`). With ρⱼ = φⱼ² + … + φₖ²:
 
     X⁺[:,j] = X[:,j] √(ρⱼ₊₁/ρⱼ) − (Σᵢ₌ⱼ₊₁ X[:,i] φᵢ) φⱼ / √(ρⱼ₊₁ ρⱼ),     gain = X φᵀ / ρ₁.
 
@@ -77,7 +78,7 @@ def condition(
     Noises are added up in the way of beliefs of this `kind`.
     """
     floor = (ROUND_OFF * jnp.finfo(difference.dtype).eps * jax.lax.stop_gradient(joint.value.scale)) ** 2
-    elements, states = _arranged(joint, difference, active, floor, kind)
+    elements, states = _arranged(joint, difference, active, kind)
     large = max(elements.slope.shape) > 2 * LARGEST
     return (_together if large else _one_by_one)(elements, states, floor)
 
@@ -130,7 +131,7 @@ def _together_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[
     return leading(jax.jvp(_one_by_one, primals, tangents), primals)
 
 
-def _arranged(joint: Joint, difference: Array, active: Array, floor: Array, kind: type[Belief]) -> tuple[Rows, Rows]:
+def _arranged(joint: Joint, difference: Array, active: Array, kind: type[Belief]) -> tuple[Rows, Rows]:
     """The value's elements over (ξ, noises), and the states over ξ."""
     y, x, noise = joint
     kept = active[:, None]

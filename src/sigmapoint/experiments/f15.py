@@ -119,7 +119,7 @@ def time_rows(times: Mapping[str, Times], count: int) -> list[Row]:
         *(_row("sigma points through the simulator in a second", name, mean_of(points / each), piece)
           for name, each in (("1 worker", times["filter"].one), ("2 workers", times["filter"].two))),
         *(_row("times as fast with two workers as with one, median", name,
-               Mean(each.median, *mean_of(each.ratio)[1:]), "of pairs in turns, beside other work of the machine")
+               Mean(each.median, np.nan, len(each.ratio)), "of pairs in turns, beside other work of the machine")
           for name, each in times.items()),
         *(_row("times as fast with two workers as with one, by the shortest times", name,
                Mean(each.shortest, np.nan, len(each.one)), "other work of the machine only adds to a time")

@@ -27,7 +27,7 @@ from sigmapoint.experiments.pendulum_state_runs import Found, Runner, by_ranks, 
 from sigmapoint.experiments.results import Claim, Film, Mean, Picture, Row, Shown, mean_of, plus_minus, publish, row_of
 from sigmapoint.methods import Method
 from sigmapoint.problems import pendulum_state as problem
-from sigmapoint.problems.pendulum_state import Told, Trial
+from sigmapoint.problems.pendulum_state import Told
 
 METHODS: dict[str, tuple[Method, str]] = {
     "EKF": (sp.ekf(), ""),
@@ -88,7 +88,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
         claim(results),
         findings(results),
         rows(results, sensors),
-        pictures(results, jax.tree.map(np.asarray, known)),
+        pictures(results),
     )
 
 
@@ -212,7 +212,7 @@ def telling(by: Mapping[float, Mapping[str, Found]]) -> tuple[float, int]:
     return level, int(np.argmax(apart[level]))
 
 
-def pictures(results: Results, known: Trial) -> Sequence[Shown]:
+def pictures(results: Results) -> Sequence[Shown]:
     """The figures and the film."""
     level, i = telling(results.by)
     ekf, ukf = (results.by[level][name].fell for name in QUICK)

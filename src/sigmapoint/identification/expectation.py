@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from sigmapoint.belief import Belief, SquareRoot, covariance
+from sigmapoint.belief import Belief, covariance
 from sigmapoint.filtering import scan
 from sigmapoint.rules.linearization import Linearization
 from sigmapoint.smoothing.reversal import Reversal, back
@@ -125,8 +125,3 @@ def _completed(seen: Float[Array, "m m"], R: Float[Array, "m m"], active: Bool[A
     A = jnp.where(active[:, None], jnp.eye(R.shape[0], dtype=R.dtype), A)
     left = jnp.where(active[:, None] | active[None, :], 0.0, R - A @ jnp.where(active[:, None], R, 0.0))
     return A @ jnp.where(both, seen, 0.0) @ A.T + left
-
-
-def first(s: Smoothed) -> SquareRoot:
-    """The smoothed belief about x[0]."""
-    return SquareRoot(s.mean[0], s.factor[0])

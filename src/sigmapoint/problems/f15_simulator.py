@@ -90,7 +90,7 @@ class Simulator:
     """
 
     def __init__(self, rate: int):
-        jsbsim = checks.extra("jsbsim", "the f15", "simulator")
+        jsbsim = checks.extra("jsbsim", "the F-15 simulator", "simulator")
         jsbsim.FGJSBBase().debug_lvl = 0
         self._steps = round(STEP * rate)
         self._run = jsbsim.FGFDMExec(None)
