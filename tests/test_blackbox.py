@@ -2,10 +2,12 @@
 
 import ctypes
 import ctypes.util
+import os
 import pickle
 import traceback
 import weakref
 from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 
 import jax
 import jax.numpy as jnp
@@ -122,6 +124,20 @@ def test_a_lambda_with_workers_is_told_what_to_write():
         sp.filter(model(box), Y, U, sp.srukf())
     assert "not as a lambda" in caught.value.__notes__[0]
     box.close()
+
+
+def deadly_step(x, u):
+    os._exit(3)
+
+
+def test_where_a_worker_dies_that_is_told_and_others_take_its_place():
+    box = sp.blackbox(deadly_step, workers=1)
+    for _ in range(2):
+        with pytest.raises(BrokenProcessPool) as caught:
+            sp.filter(model(box), Y, U, method=sp.srukf())
+        assert "a worker process ended; did the simulator crash" in caught.value.__notes__[0]
+        assert box._pool is None
+
 
 
 def test_an_exception_in_a_worker_arrives_too():
