@@ -139,7 +139,6 @@ def test_where_a_worker_dies_that_is_told_and_others_take_its_place():
         assert box._pool is None
 
 
-
 def test_an_exception_in_a_worker_arrives_too():
     box = sp.blackbox(failing_step, workers=1)
     try:

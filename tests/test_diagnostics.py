@@ -11,10 +11,10 @@ import pytest
 from scipy import stats
 
 import sigmapoint as sp
-from sigmapoint.diagnosis import verdicts
 from sigmapoint.diagnosis.accuracy import errors
 from sigmapoint.diagnosis.consistency import consistency, normalised, row_band
 from sigmapoint.diagnosis.diagnostics import diagnose
+from sigmapoint.diagnosis.verdict import gravest_first
 from sigmapoint.diagnosis.whiteness import LAGS, autocorrelation, quantiles
 from sigmapoint.results import Labels, Posterior, input_columns
 
@@ -214,7 +214,7 @@ def test_with_truth_errors_are_judged_too(white):
     assert said(worse, "misses the truth too often")
     assert not said(worse, "not a matter of noise levels")
     both = diagnose(made(white, 0.5), 3 * truth)
-    first = verdicts.gravest_first(both.verdicts)[0]
+    first = gravest_first(both.verdicts)[0]
     assert "not a matter of noise levels" in first.text
     assert said(both, "Try a smaller")
     assert said(both, "Try a larger")

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from sigmapoint.diagnosis.verdicts import Verdict
+from sigmapoint.diagnosis.verdict import Verdict
 from sigmapoint.results import Posterior
 
 Row = Mapping[str, Any]

@@ -18,7 +18,7 @@ from sigmapoint import checks
 from sigmapoint.diagnosis import verdicts
 from sigmapoint.diagnosis.accuracy import Coverage, errors
 from sigmapoint.diagnosis.consistency import Consistency, consistency, normalised
-from sigmapoint.diagnosis.verdicts import Verdict
+from sigmapoint.diagnosis.verdict import Verdict, gravest_first
 from sigmapoint.diagnosis.whiteness import COLUMNS, Element, examined
 from sigmapoint.results import Posterior, field, host, input_columns, measured_rows
 from sigmapoint.spaces import Euclidean, folded
@@ -48,7 +48,7 @@ class Diagnosis(NamedTuple):
         """The verdicts, the gravest first; the numbers are in the fields."""
         return "\n".join(
             fill(v.text, WIDTH, initial_indent=f"{v.severity:<9}", subsequent_indent=9 * " ")
-            for v in verdicts.gravest_first(self.verdicts)
+            for v in gravest_first(self.verdicts)
         )
 
 

@@ -4,17 +4,15 @@ With many samples every model is detectably wrong, so a verdict asks for two thi
 chance does (the band of the test), and it is large enough to matter (the thresholds below).
 """
 
-from collections.abc import Iterable, Mapping
-from typing import Literal, NamedTuple
+from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Bool
 
 from sigmapoint.diagnosis.accuracy import Coverage
 from sigmapoint.diagnosis.consistency import Consistency
+from sigmapoint.diagnosis.verdict import Severity, Verdict
 from sigmapoint.diagnosis.whiteness import Element
-
-Severity = Literal["good", "warning", "bad"]
 
 PARTICLES, SOME = 10, 0.05
 """Effective sample size below which moments mean little, and the share of rows for which nobody needs to act."""
@@ -32,21 +30,6 @@ CHANCE = 0.001
 """p-value below which a deviation is not chance."""
 NIS = ("NIS", "innovations", "measured element", "the measurements")
 NEES = ("NEES", "errors", "state", "the states")
-
-
-class Verdict(NamedTuple):
-    """One sentence or two, and how serious it is."""
-
-    severity: Severity
-    text: str
-
-
-RANK = {"bad": 0, "warning": 1, "good": 2}
-
-
-def gravest_first(verdicts: Iterable[Verdict]) -> list[Verdict]:
-    """In the order in which they should be read."""
-    return sorted(verdicts, key=lambda verdict: RANK[verdict.severity])
 
 
 def of(

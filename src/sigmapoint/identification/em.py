@@ -16,7 +16,7 @@ from jaxtyping import Float
 from sigmapoint import checks
 from sigmapoint.blackbox import NoDerivative, unwrapped
 from sigmapoint.contents import Card, Contents, Curve, Panel, Section
-from sigmapoint.diagnosis.verdicts import Verdict
+from sigmapoint.diagnosis.verdict import Verdict
 from sigmapoint.filtering import gaussian
 from sigmapoint.identification.contents import noises, values
 from sigmapoint.identification.maximization import Constant, Found, Problem, maximized

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from sigmapoint import checks
 from sigmapoint.blackbox import NoDerivative
 from sigmapoint.contents import Card, Contents
-from sigmapoint.diagnosis.verdicts import Verdict
+from sigmapoint.diagnosis.verdict import Verdict
 from sigmapoint.identification.contents import at_one_time
 from sigmapoint.identification.estimates import Estimates
 from sigmapoint.identification.likelihood import LogPosterior, log_posterior

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks
 from sigmapoint.contents import Card, Contents
-from sigmapoint.diagnosis.verdicts import Verdict
+from sigmapoint.diagnosis.verdict import Verdict
 from sigmapoint.filtering import fitting
 from sigmapoint.identification.contents import at_one_time
 from sigmapoint.identification.estimates import BAR, Estimates

@@ -8,7 +8,7 @@ from typing import Any
 
 import plotly.graph_objects as go
 
-from sigmapoint.diagnosis.verdicts import RANK, Verdict, gravest_first
+from sigmapoint.diagnosis.verdict import RANK, Verdict, gravest_first
 
 WORDS = {"good": "✓ Good", "warning": "! Look at this", "bad": "✕ Problem"}
 
