@@ -409,14 +409,14 @@ def test_reproduce_lists_runs_and_says_where_files_are(experiments, tmp_path):
     assert all(text in shown for text in ("error", "0.5", "7"))
     assert "toy/results.json" in shown.replace("\n", "")
     shutil.rmtree(tmp_path / "toy")
-    invoke("reproduce", "--all", "--out", tmp_path)
+    invoke("reproduce", "--all", "--jobs", 1, "--out", tmp_path)
     files = {"index.html", "results.json", "results.md", "results.tex"}
     assert {p.name for p in tmp_path.iterdir()} == {"toy", "game"} | files
 
 
 def test_reproduce_all_leaves_an_index_of_claims_and_takes_up_what_was_broken_off(experiments, tmp_path):
     invoke("reproduce", "toy", "--out", tmp_path)
-    invoke("reproduce", "--all", "--resume", "--out", tmp_path)
+    invoke("reproduce", "--all", "--jobs", 1, "--resume", "--out", tmp_path)
     assert experiments == ["toy", "game"]
     index = (tmp_path / "index.html").read_text()
     assert "1 of 2 claims reproduced" in index
@@ -430,9 +430,9 @@ def test_reproduce_all_leaves_an_index_of_claims_and_takes_up_what_was_broken_of
     run = json.loads((tmp_path / "toy" / "run.json").read_text())
     assert (run["seed"], run["runs"], run["quick"], run["data"]) == (0, None, False, None)
     assert run["seconds"] >= 0
-    invoke("reproduce", "--all", "--resume", "--seed", 1, "--out", tmp_path)
+    invoke("reproduce", "--all", "--jobs", 1, "--resume", "--seed", 1, "--out", tmp_path)
     (tmp_path / "toy" / "results.json").unlink()
-    invoke("reproduce", "--all", "--resume", "--seed", 1, "--out", tmp_path)
+    invoke("reproduce", "--all", "--jobs", 1, "--resume", "--seed", 1, "--out", tmp_path)
     assert experiments == ["toy", "game", "toy", "game", "toy"]
 
 
@@ -444,19 +444,19 @@ def test_an_experiment_that_fails_does_not_keep_the_others_from_running(experime
 
     whole = EXPERIMENTS["toy"].run
     monkeypatch.setattr(EXPERIMENTS["toy"], "run", broken)
-    assert "toy failed, see above; --resume" in message("reproduce", "--all", "--out", tmp_path, code=1)
+    assert "toy failed, see above; --resume" in message("reproduce", "--all", "--jobs", 1, "--out", tmp_path, code=1)
     index = (tmp_path / "index.html").read_text()
     assert "<td>toy</td><td>failed: ImportError: the toy needs &lt;springs&gt;</td>" in index
     assert "0 of 2 claims reproduced" in index
     monkeypatch.setattr(EXPERIMENTS["toy"], "run", whole)
-    invoke("reproduce", "--all", "--resume", "--out", tmp_path)
+    invoke("reproduce", "--all", "--jobs", 1, "--resume", "--out", tmp_path)
     assert experiments == ["game", "toy"]
     assert "1 of 2 claims reproduced" in (tmp_path / "index.html").read_text()
 
 
 def test_reproduce_hands_a_folder_of_data_to_those_that_take_one(experiments, tmp_path):
     assert "two files" in invoke("reproduce", "--list").stdout
-    invoke("reproduce", "--all", "--data", tmp_path, "--out", tmp_path / "out")
+    invoke("reproduce", "--all", "--jobs", 1, "--data", tmp_path, "--out", tmp_path / "out")
     given = {name: (tmp_path / "out" / name / "data.txt").read_text() for name in ("toy", "game")}
     assert given == {"toy": "", "game": str(tmp_path)}
     assert "toy takes no folder of data; experiments that do: game" in message("reproduce", "toy", "--data", tmp_path)

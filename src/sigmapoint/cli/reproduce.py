@@ -1,21 +1,22 @@
 """`sigmapoint reproduce NAME`: an experiment of the papers, run again here."""
 
 import difflib
+import os
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
 from sigmapoint.cli import output
+from sigmapoint.cli.cache import kept_between_runs
 from sigmapoint.cli.errors import InputError, folder, guarded, named, stopped
 from sigmapoint.cli.run import Debug
 
-if TYPE_CHECKING:
-    from sigmapoint.experiments import Experiment
-    from sigmapoint.experiments.campaign import Settings
+MOST_JOBS = 4
+"""each may take 2 GB"""
 
 
 @guarded
@@ -34,6 +35,14 @@ def reproduce(
     resume: Annotated[
         bool, typer.Option("--resume", help="Leave those that DIR has from a run to the end with the same options.")
     ] = False,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help=f"With --all, experiments at a time, each in a process; those that take times run alone. Default: one a "
+            f"core, at most {MOST_JOBS}.",
+        ),
+    ] = None,
     debug: Debug = False,
 ) -> None:
     """Run an experiment of the papers and put its numbers beside the published ones.
@@ -44,6 +53,7 @@ def reproduce(
     """
     from sigmapoint.experiments import EXPERIMENTS
     from sigmapoint.experiments.campaign import Settings, finished, index
+    from sigmapoint.experiments.side_by_side import Task, side_by_side
 
     console = Console()
     if show:
@@ -55,37 +65,33 @@ def reproduce(
     chosen = list(EXPERIMENTS) if every else [_known(name, list(EXPERIMENTS))]
     takers = _takers(data, chosen, {e.name: e.data for e in EXPERIMENTS.values()})
     folders = {experiment: folder(out / experiment) for experiment in chosen}
-    done, failed = [], {}
+    whole = None if data is None else str(data.resolve())
+    tasks = [Task(e, Settings(runs, seed, quick, whole if e in takers else None), folders[e]) for e in chosen]
+    done = {task.name for task in tasks if resume and finished(task.settings, task.out)}
+    for experiment in sorted(done):
+        console.print(f"kept {folders[experiment]}", markup=False)
+    left, failed = [task for task in tasks if task.name not in done], {}
     try:
-        for experiment in chosen:
-            stopped()
-            settings = Settings(runs, seed, quick, str(data.resolve()) if data and experiment in takers else None)
-            try:
-                if resume and finished(settings, folders[experiment]):
-                    console.print(f"kept {folders[experiment]}", markup=False)
-                else:
-                    _conduct(EXPERIMENTS[experiment], settings, folders[experiment], console)
-            except Exception as error:
-                if debug or not every:
-                    raise
-                failed[experiment] = named(error)  # the others do not depend on it
-                console.print(f"{experiment} failed: {failed[experiment]}", markup=False)
-                continue
-            done.append(experiment)
+        with Console(stderr=True).status(f"running {', '.join(task.name for task in left)}"):
+            several = jobs or min(os.cpu_count() or 1, MOST_JOBS)
+            for task, outcome in side_by_side(left, several if every else 1, kept_between_runs):
+                stopped()
+                try:
+                    rows = outcome()
+                except Exception as error:
+                    if debug or not every:
+                        raise
+                    failed[task.name] = named(error)  # the others do not depend on it
+                    console.print(f"{task.name} failed: {failed[task.name]}", markup=False)
+                    continue
+                done.add(task.name)
+                console.print(output.table(task.name, _shown(rows)))
+                output.written(console, sorted(p for p in task.out.iterdir() if p.is_file()))
     finally:  # also of what was done before an interrupt
-        if every and done + list(failed):
-            output.written(console, index(out, done, failed))
+        if every and (done or failed):
+            output.written(console, index(out, [name for name in chosen if name in done], failed))
     if failed:
         raise RuntimeError(f"{', '.join(failed)} failed, see above; --resume runs only what is missing")
-
-
-def _conduct(experiment: "Experiment", settings: "Settings", out: Path, console: Console) -> None:
-    from sigmapoint.experiments.campaign import conducted
-
-    with Console(stderr=True).status(f"running {experiment.name}"):
-        rows = conducted(experiment, settings, out)
-    console.print(output.table(experiment.name, _shown(rows)))
-    output.written(console, sorted(p for p in out.iterdir() if p.is_file()))
 
 
 def _known(name: str | None, names: list[str]) -> str:

@@ -23,12 +23,14 @@ class Experiment(NamedTuple):
             experiment's own), `seed` seeds them, `out` is the folder for `results.json`, `report.html` and figures,
             `quick` asks for a small version. Where `data` is not empty also `(runs, seed, out, quick, folder)`.
         data: what a folder holds that the experiment can take its data from; empty where it takes none.
+        timed: it takes times, so nothing should run beside it.
     """
 
     name: str
     description: str
     run: Run
     data: str = ""
+    timed: bool = False
 
 
 def _lazily(module: str) -> Run:
@@ -43,8 +45,10 @@ def _lazily(module: str) -> Run:
 _ALL = (
     Experiment("scalar", "EKF and sigma-point filters on a scalar model with a cubic sensor", _lazily("scalar")),
     Experiment("transform", "mean and covariance through a nonlinearity: pictures, orders", _lazily("transform")),
-    Experiment("mackey-glass", "a chaotic series through noise, its network known", _lazily("mackey_glass")),
-    Experiment("cost", "operations and time of an update against the number of weights", _lazily("cost")),
+    Experiment(
+        "mackey-glass", "a chaotic series through noise, its network known", _lazily("mackey_glass"), timed=True
+    ),
+    Experiment("cost", "operations and times of an update against the number of weights", _lazily("cost"), timed=True),
     Experiment("robot-arm", "a network learns a robot arm: EKF, UKF, square roots", _lazily("robot_arm")),
     Experiment("four-regions", "a network learns four interlocking regions: two costs", _lazily("four_regions")),
     Experiment("ikeda", "a network learns the Ikeda map: four choices of process noise", _lazily("ikeda")),
@@ -65,7 +69,7 @@ _ALL = (
     Experiment(
         "pendulum-adaptive", "a pendulum held upright while its masses are learned", _lazily("pendulum_adaptive")
     ),
-    Experiment("f15", "a flight simulator as the model: a stabilator that fails", _lazily("f15")),
+    Experiment("f15", "a flight simulator as the model: a stabilator that fails", _lazily("f15"), timed=True),
     Experiment("battery-joint", "capacity and resistance of a real cell, with bars", _lazily("battery_joint")),
     Experiment(
         "upf-synthetic", "particle filters with proposals of Kalman filters: gamma noise", _lazily("upf_synthetic")

@@ -1,0 +1,65 @@
+"""Experiments several at a time, each in a process of its own.
+
+Most compute on one core. Those that take times run before the others, with nothing beside them. Processes are new for
+each, as compiled programs take memory that is not given back, and not forked: a child would inherit the locks of JAX's
+threads.
+"""
+
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+
+from sigmapoint import experiments
+from sigmapoint.experiments.campaign import Settings, conducted
+
+Rows = list[dict[str, Any]]
+Outcome = Callable[[], Rows]
+"""gives the rows, or raises what the experiment has raised"""
+
+
+class Task(NamedTuple):
+    """An experiment to be conducted."""
+
+    name: str
+    settings: Settings
+    out: Path
+
+    def __call__(self) -> Rows:
+        """Conduct it."""
+        with jax.enable_x64(True):
+            return conducted(experiments.EXPERIMENTS[self.name], self.settings, self.out)
+
+
+def side_by_side(tasks: Sequence[Task], jobs: int, begin: Callable[[], None]) -> Iterator[tuple[Task, Outcome]]:
+    """Conduct experiments, so many at a time; each as it comes to its end.
+
+    Args:
+        tasks: the experiments.
+        jobs: how many at a time; 1: one after the other in this process.
+        begin: what a new process does first.
+    """
+    alone = [task for task in tasks if jobs == 1 or experiments.EXPERIMENTS[task.name].timed]
+    for task in alone:
+        yield task, task
+    beside = [task for task in tasks if task not in alone]
+    if not beside:
+        return
+
+    def apart(task: Task) -> Rows:
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), begin) as process:
+            return process.submit(task).result()
+
+    with ThreadPoolExecutor(jobs) as threads:
+        try:
+            futures = {threads.submit(apart, task): task for task in beside}
+            for future in as_completed(futures):
+                yield futures[future], future.result
+        except BaseException:  # an interrupt, or nobody asks for more
+            threads.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise

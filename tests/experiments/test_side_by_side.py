@@ -1,0 +1,18 @@
+"""Experiments in processes of their own: what they leave, and what they raise."""
+
+import json
+
+import pytest
+
+from sigmapoint.experiments.campaign import Settings, finished
+from sigmapoint.experiments.side_by_side import Task, side_by_side
+
+
+def test_each_is_conducted_in_a_process_of_its_own_and_what_it_raises_arrives(tmp_path):
+    good = Task("rosenbrock", Settings(None, 0, True, None), tmp_path / "good")
+    bad = Task("rosenbrock", Settings(1, 0, True, None), tmp_path / "bad")
+    found = dict(side_by_side([good, bad], 2, print))
+    assert found[good]() == json.loads((tmp_path / "good" / "results.json").read_text())
+    assert finished(good.settings, good.out)
+    with pytest.raises(ValueError, match="runs must be at least 2"):
+        found[bad]()
