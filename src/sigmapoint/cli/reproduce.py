@@ -39,8 +39,8 @@ def reproduce(
         int | None,
         typer.Option(
             min=1,
-            help=f"With --all, experiments at a time, each in a process; those that take times run alone. Default: one a "
-            f"core, at most {MOST_JOBS}.",
+            help="With --all, experiments at a time, each in a process; those that take times run alone. Default: one "
+            f"a core, at most {MOST_JOBS}.",
         ),
     ] = None,
     debug: Debug = False,
