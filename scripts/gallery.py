@@ -1,7 +1,7 @@
-"""Make the documentation's gallery, `docs/gallery.md` and its pictures, from what `sigmapoint reproduce --all` has left.
+"""Make the documentation's gallery, `docs/gallery.md` and its pictures, from what `reproduce --all` has left.
 
-    uv run sigmapoint reproduce --all --data DIR --out OUT
-    uv run python scripts/gallery.py OUT
+uv run sigmapoint reproduce --all --data DIR --out OUT
+uv run python scripts/gallery.py OUT
 """
 
 import json
@@ -12,37 +12,13 @@ from pathlib import Path
 from PIL import Image
 
 from sigmapoint.experiments import EXPERIMENTS
+from sigmapoint.experiments.results import WORDS
 
 DOCS = Path(__file__).parents[1] / "docs"
 IMAGES = DOCS / "images" / "gallery"
 WIDE = 1000
 """[pixels] no wider than this"""
 COLOURS = 64
-SHOWN = {
-    "scalar": "scalar-run.png",
-    "transform": "transform-ellipses.png",
-    "mackey-glass": "mackey-glass.png",
-    "cost": "cost.png",
-    "robot-arm": "robot-arm-forgetting.png",
-    "four-regions": "four-regions-maps.png",
-    "mackey-glass-learning": "mackey-glass-learning-filters.png",
-    "ikeda": "ikeda-filters.png",
-    "rosenbrock": "rosenbrock.png",
-    "pendulum-parameters": "estimates.png",
-    "pendulum-state": "pendulum-state-film.gif",
-    "pendulum-adaptive": "pendulum-adaptive-run.png",
-    "smoother": "smoother.png",
-    "modes": "modes-shares.png",
-    "battery-joint": "battery-joint-estimates.png",
-    "dual-ar": "dual-ar-estimate.png",
-    "dual-mackey-glass": "dual-mackey-glass-estimate.png",
-    "f15": "f15-mission.png",
-    "upf-synthetic": "upf-synthetic-run.png",
-    "options": "options-states.png",
-    "terrain": "terrain-ridge.png",
-}
-"""The picture of each that says most."""
-WORDS = {True: "reproduced", False: "not reproduced", None: "not decided"}
 
 
 def main(out: Path) -> None:
@@ -55,9 +31,9 @@ def main(out: Path) -> None:
     lines = [
         "# Gallery of experiments",
         "",
-        "Every experiment of the papers, and a few of ours, each from one command. `sigmapoint reproduce --all` runs them "
-        "and leaves an index with published beside measured numbers; `sigmapoint reproduce NAME` runs one and leaves a "
-        f"page with its tables and figures. This is the run of {day} ({versions}): {held} of {len(done)} claims were "
+        "Every experiment of the papers, and a few of ours, each from one command. `sigmapoint reproduce --all` runs them",
+        "and leaves an index with published beside measured numbers; `sigmapoint reproduce NAME` runs one and leaves a",
+        f"page with its tables and figures. This is the run of {day} ({versions}): {held} of {len(done)} claims were",
         "reproduced. Numbers come with their standard errors, and what was not reproduced says why.",
         "",
         "| experiment | claim | |",
@@ -66,7 +42,7 @@ def main(out: Path) -> None:
     ]
     IMAGES.mkdir(parents=True, exist_ok=True)
     for name, claim in done.items():
-        picture = _shown(name, out / name / SHOWN[name])
+        picture = _shown(name, out / name / claim["pictures"][0])
         lines += ["", f"## {name}", "", f"{claim['title']}. Claim: {claim['claim']}."]
         lines += ["", f"![{claim['title']}](images/gallery/{picture})", "", f"**{_capital(claim['verdict'])}.**"]
         lines += ["", f"`sigmapoint reproduce {name}`: {runs[name]['seconds'] / 60:.1f} minutes."]
@@ -74,7 +50,7 @@ def main(out: Path) -> None:
 
 
 def _shown(name: str, picture: Path) -> str:
-    """The name of the picture's copy, in few colours; a film's first frames say nothing, so it is copied whole."""
+    """The name of the picture's copy, in few colours; a film is copied whole."""
     if picture.suffix == ".gif":
         (IMAGES / f"{name}.gif").write_bytes(picture.read_bytes())
         return f"{name}.gif"
