@@ -31,8 +31,8 @@ def main(out: Path) -> None:
     lines = [
         "# Gallery of experiments",
         "",
-        "Every experiment of the papers, and a few of ours, each from one command. `sigmapoint reproduce --all` runs them",
-        "and leaves an index with published beside measured numbers; `sigmapoint reproduce NAME` runs one and leaves a",
+        "Every experiment of the papers, and a few of ours, each from one command. `sigmapoint reproduce --all` runs",
+        "them and leaves an index with published beside measured numbers; `sigmapoint reproduce NAME` runs one and leaves a",
         f"page with its tables and figures. This is the run of {day} ({versions}): {held} of {len(done)} claims were",
         "reproduced. Numbers come with their standard errors, and what was not reproduced says why.",
         "",
