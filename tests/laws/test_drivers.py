@@ -13,9 +13,16 @@ P = problems(jnp)["coordinated_turn"]
 MODEL = sp.StateSpaceModel(P.f, P.h, P.Q, P.R, sp.Gaussian(P.m0, P.P0))
 Y = simulate(problems(np)["coordinated_turn"], 0)[1]
 SOME = ["ekf", "ukf", "sr cdkf", "sr augmented", "extended set"]
+ONLINE = [
+    "ekf",
+    pytest.param("ukf", marks=pytest.mark.slow),
+    "sr cdkf",
+    "sr augmented",
+    pytest.param("extended set", marks=pytest.mark.slow),
+]
 
 
-@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("name", ONLINE)
 def test_online_is_filter(name):
     live, whole = sp.online(MODEL, METHODS[name]), sp.filter(MODEL, Y[:20], None, METHODS[name])
     state = ahead = live.init()
