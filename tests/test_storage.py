@@ -74,12 +74,12 @@ def test_of_a_result_with_functions_in_it_the_message_names_what_can_be_saved(tm
         )
 
     y = np.sin(np.arange(20.0))[:, None]
-    fit = sp.fit(build, sp.real(0.5, 0.3), y)
+    fit = sp.fit(build, sp.real(0.5, 0.3), y, method=sp.ekf())
     with pytest.raises(ValueError, match=r"\.build is not an array but function; save its \.theta, \.estimates"):
         sp.save(tmp_path / "s.npz", fit)
     sp.save(tmp_path / "s.npz", fit.estimates)
     assert sp.load(tmp_path / "s.npz", like=fit.estimates).value == fit.theta
-    learned = sp.em(build(0.9), y, tolerance=0.1)
+    learned = sp.em(build(0.9), y, method=sp.ekf(), tolerance=0.1)
     with pytest.raises(ValueError, match=r"save its \.model\.process_noise, .*, \.model\.initial"):
         sp.save(tmp_path / "s.npz", learned)
     sp.save(tmp_path / "s.npz", learned.model.initial)

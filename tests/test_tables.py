@@ -126,7 +126,7 @@ def test_a_result_is_printed_in_a_few_lines(post, compass):
 def test_many_states_are_printed_in_part():
     eye = jnp.eye(9)
     model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, eye, eye, sp.Gaussian(jnp.zeros(9), eye))
-    text = str(sp.filter(model, jnp.full((2, 9), jnp.nan)))
+    text = str(sp.filter(model, jnp.full((2, 9), jnp.nan), method=sp.ekf()))
     assert len(text.splitlines()) == 11
     assert text.endswith("and 3 more")
     assert "nothing was measured" in text

@@ -1,6 +1,6 @@
 """Dual estimation against the plain state filter, against derivatives through time, and against exact posteriors."""
 
-from functools import partial
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -42,6 +42,7 @@ def from_vector(z):
     return build({"a": z[0], "q": z[1]})
 
 
+@cache
 def series(rows=T):
     u = jnp.sin(jnp.arange(float(rows)) / 5.0)
     _, y = sp.simulate(build({"a": jnp.array(0.8), "q": jnp.array(0.1)}), rows, u=u, key=jax.random.key(0))
@@ -82,7 +83,7 @@ def test_memory_slope_is_the_derivative_through_the_whole_filter(state_method, p
         post = sp.filter(from_vector(z), y, u, state_method)
         return post.mean[-1], post.cov[-1]
 
-    (mean, cov), memory = jax.jacfwd(last)(z), found.state.learner.memory
+    (mean, cov), memory = jax.jit(jax.jacfwd(last))(z), found.state.learner.memory
     np.testing.assert_allclose(memory.slope[:2], mean, rtol=1e-5, atol=1e-7)
     L, slope = found.state.cell.belief(memory.mean).factor, memory.slope[2:]
     along = jnp.zeros((2, 2, 2)).at[np.tril_indices(2)].set(slope)  # of the factor
@@ -113,7 +114,8 @@ def test_a_pole_has_nearly_the_posterior_of_a_grid(cost):
     _, y = sp.simulate(model(0.8), 800, key=jax.random.key(2))
     found = sp.dual(model, sp.real(0.6, 0.2), cost=cost, parameter_method=sp.ekf()).filter(y).estimates
     grid = jnp.linspace(0.5, 0.99, 400)
-    fit = jax.vmap(lambda a: sp.filter(model(a), y, keep=()).log_likelihood)(grid) - 0.5 * ((grid - 0.6) / 0.2) ** 2
+    likelihoods = jax.jit(jax.vmap(lambda a: sp.filter(model(a), y, keep=()).log_likelihood))
+    fit = likelihoods(grid) - 0.5 * ((grid - 0.6) / 0.2) ** 2
     weight = jax.nn.softmax(fit)
     mean = jnp.sum(weight * grid)
     std = jnp.sqrt(jnp.sum(weight * (grid - mean) ** 2))

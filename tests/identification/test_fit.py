@@ -24,8 +24,11 @@ def autoregression(theta):
     return sp.StateSpaceModel(lambda x, u: theta["a"] * x, lambda x, u: x, theta["q"] * one, theta["r"] * one, start)
 
 
+MODEL = autoregression(TRUTH)
+
+
 def measured(seed):
-    return sp.simulate(autoregression(TRUTH), T, key=jax.random.key(seed))[1]
+    return sp.simulate(MODEL, T, key=jax.random.key(seed))[1]
 
 
 def textbook(density, y):

@@ -36,13 +36,20 @@ ALONE_AND_JOINT = {
 }
 
 
-@pytest.mark.parametrize("name", ALONE_AND_JOINT)
+SOME = ("ekf", "srcdkf", "ukf", "iterated")
+"""One of each rule and of each belief."""
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in SOME else pytest.param(name, marks=pytest.mark.slow) for name in ALONE_AND_JOINT]
+)
 def test_parameters_that_are_known_change_nothing(name):
     alone, together = ALONE_AND_JOINT[name]
-    y = sp.simulate(_swing(2.0), 60, key=1)[1].at[10:13].set(jnp.nan)
+    swing = _swing(2.0)
+    y = sp.simulate(swing, 60, key=1)[1].at[10:13].set(jnp.nan)
     model = sp.joint(lambda k: _swing(k[0]), sp.Gaussian(jnp.array([2.0]), jnp.zeros((1, 1))))
     for run in (sp.filter, sp.smooth):
-        one, other = run(_swing(2.0), y, method=alone), run(model, y, method=together)
+        one, other = run(swing, y, method=alone), run(model, y, method=together)
         np.testing.assert_allclose(other.mean[:, :2], one.mean, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(other.cov[:, :2, :2], one.cov, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(other.log_likelihood, one.log_likelihood, rtol=1e-12)

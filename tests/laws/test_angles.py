@@ -1,5 +1,7 @@
 """A bearing that crosses ±π again and again gives the answer of the unwrapped one, forward and backward."""
 
+from functools import cache
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ T = 4000
 TURN = 2 * np.pi
 
 
+@cache
 def _models():
     """A rotor, (angle, rate), and its bearing: wrapped to (−π, π], and as it is."""
 
@@ -32,6 +35,7 @@ def _models():
     return plain, wrapped
 
 
+@cache
 def _series():
     r = np.random.default_rng(1)
     angle, rate, y = 0.5, 3.5, np.empty((T, 1))

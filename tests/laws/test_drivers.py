@@ -13,9 +13,16 @@ P = problems(jnp)["coordinated_turn"]
 MODEL = sp.StateSpaceModel(P.f, P.h, P.Q, P.R, sp.Gaussian(P.m0, P.P0))
 Y = simulate(problems(np)["coordinated_turn"], 0)[1]
 SOME = ["ekf", "ukf", "sr cdkf", "sr augmented", "extended set"]
+ONLINE = [
+    "ekf",
+    pytest.param("ukf", marks=pytest.mark.slow),
+    "sr cdkf",
+    "sr augmented",
+    pytest.param("extended set", marks=pytest.mark.slow),
+]
 
 
-@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("name", ONLINE)
 def test_online_is_filter(name):
     live, whole = sp.online(MODEL, METHODS[name]), sp.filter(MODEL, Y[:20], None, METHODS[name])
     state = ahead = live.init()
@@ -48,16 +55,16 @@ def test_saved_loaded_and_continued_is_uninterrupted(name, tmp_path):
         np.testing.assert_array_equal(a, b)
 
 
-def test_a_row_of_vmap_is_a_single_run():
-    batch = np.stack([Y, Y[::-1], np.full_like(Y, np.nan)])
-    for method in (sp.ukf(), sp.srcdkf()):
-        together = jax.vmap(lambda y, m=method: sp.filter(MODEL, y, None, m))(jnp.asarray(batch))
-        smoothed = jax.vmap(lambda y, m=method: sp.smooth(MODEL, y, None, m).mean)(jnp.asarray(batch))
-        for i, y in enumerate(batch):
-            alone = sp.filter(MODEL, y, None, method)
-            np.testing.assert_allclose(together.mean[i], alone.mean, rtol=1e-9, atol=1e-9)
-            np.testing.assert_allclose(together.log_likelihood[i], alone.log_likelihood, rtol=1e-10)
-        np.testing.assert_allclose(smoothed[0], sp.smooth(MODEL, Y, None, method).mean, rtol=1e-9, atol=1e-9)
+@pytest.mark.parametrize("name", [pytest.param("ukf", marks=pytest.mark.slow), "sr cdkf"])
+def test_a_row_of_vmap_is_a_single_run(name):
+    batch, method = np.stack([Y, Y[::-1], np.full_like(Y, np.nan)]), METHODS[name]
+    together = jax.vmap(lambda y: sp.filter(MODEL, y, None, method))(jnp.asarray(batch))
+    smoothed = jax.vmap(lambda y: sp.smooth(MODEL, y, None, method).mean)(jnp.asarray(batch))
+    for i, y in enumerate(batch):
+        alone = sp.filter(MODEL, y, None, method)
+        np.testing.assert_allclose(together.mean[i], alone.mean, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(together.log_likelihood[i], alone.log_likelihood, rtol=1e-10)
+    np.testing.assert_allclose(smoothed[0], sp.smooth(MODEL, Y, None, method).mean, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", SOME)

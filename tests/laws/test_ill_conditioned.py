@@ -12,10 +12,19 @@ STANDARD = [n for n in SQUARE_ROOT if "ghkf" not in n]
 # In 32 bits a value near 1e4 is rounded to 1e-3, a hundred standard deviations. Where the dynamics keep states apart,
 # points that lie along one state each never compare such values with small ones; the points of these sets do.
 MIXING = ("sr simplex_ukf", "sr simplex_ukf(n+2)", "sr ssckf")
+WHOLE = ("sr ekf", "sr cdkf")
 
 
-@pytest.mark.parametrize("m", MEASURED)
-@pytest.mark.parametrize("name", STANDARD)
+def _quick(measured: int) -> list:
+    """Two methods with every number of measured states, the others with one; the rest is `slow`."""
+    table = [(name, m) for name in STANDARD for m in MEASURED]
+    return [
+        pair if pair[0] in WHOLE or pair[1] == measured else pytest.param(*pair, marks=pytest.mark.slow)
+        for pair in table
+    ]
+
+
+@pytest.mark.parametrize(("name", "m"), _quick(1))
 def test_square_root_forms_agree_with_sixty_digits(name, m):
     for coupled in (False, True):
         one = case(m, coupled)
@@ -49,8 +58,7 @@ def test_dense_forms_lose_accuracy_but_never_soundness(name):
 
 
 @pytest.mark.filterwarnings("ignore:the sigma points of this method are so close:UserWarning")
-@pytest.mark.parametrize("m", [1, pytest.param(2, marks=pytest.mark.slow), 3])
-@pytest.mark.parametrize("name", STANDARD)
+@pytest.mark.parametrize(("name", "m"), _quick(3))
 def test_float32_square_root_forms_stay_sound_and_keep_digits_where_enough_is_measured(name, m):
     for coupled in (False, True):
         one = case(m, coupled)

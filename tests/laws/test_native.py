@@ -14,12 +14,13 @@ from sigmapoint.linear_algebra import factors as linalg
 from sigmapoint.linear_algebra import triangularization
 
 
-@pytest.fixture(autouse=True)
-def _forced(monkeypatch):
-    monkeypatch.setattr(native, "NATIVE", True)
-    monkeypatch.setattr(folding, "NATIVE", True)
-    jax.clear_caches()  # what was compiled before has the other forms
-    yield
+@pytest.fixture(autouse=True, scope="module")
+def _forced():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(native, "NATIVE", True)
+        patch.setattr(folding, "NATIVE", True)
+        jax.clear_caches()  # what was compiled before has the other forms
+        yield
     jax.clear_caches()
 
 
@@ -28,12 +29,19 @@ def test_factorisations(n):
     r = np.random.default_rng(n)
     A = r.normal(size=(n, 2 * n + 1))
     P = A @ A.T
-    np.testing.assert_allclose(linalg.cholesky(jnp.asarray(P)), np.linalg.cholesky(P), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(triangularization.tria(jnp.asarray(A)), np.linalg.cholesky(P), rtol=1e-9, atol=1e-11)
-    S, b = jnp.linalg.cholesky(P), jnp.asarray(r.normal(size=(n, 3)))
-    np.testing.assert_allclose(linalg.solve_lower(S, b), np.linalg.solve(S, b), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(linalg.solve_upper(S, b), np.linalg.solve(S.T, b), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(native.product(jnp.asarray(A), jnp.asarray(A.T)), P, rtol=1e-12)
+    S, b = np.linalg.cholesky(P), r.normal(size=(n, 3))
+
+    @jax.jit
+    def found(A, P, S, b):
+        solved = linalg.solve_lower(S, b), linalg.solve_upper(S, b)
+        return linalg.cholesky(P), triangularization.tria(A), *solved, native.product(A, A.T)
+
+    root, triangle, lower, upper, square = found(A, P, S, b)
+    np.testing.assert_allclose(root, S, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(triangle, S, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(lower, np.linalg.solve(S, b), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(upper, np.linalg.solve(S.T, b), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(square, P, rtol=1e-12)
 
 
 @pytest.mark.parametrize("n", [3, 9, 26])
@@ -75,7 +83,7 @@ def test_triangular_factors_are_those_of_orthogonal_transformations(n):
 def test_derivatives_of_the_triangularisation(n):
     r = np.random.default_rng(n)
     A, dA = r.normal(size=(2, n, 2 * n))
-    L, dL = jax.jvp(triangularization.tria, (jnp.asarray(A),), (jnp.asarray(dA),))
+    L, dL = jax.jit(lambda A, dA: jax.jvp(triangularization.tria, (A,), (dA,)))(A, dA)
     np.testing.assert_allclose(dL @ L.T + L @ dL.T, dA @ A.T + A @ dA.T, atol=1e-11)
     assert (jnp.triu(dL, 1) == 0).all()
 
@@ -134,10 +142,10 @@ def test_gradient_of_the_likelihood():
         )
         return sp.filter(model, y, method=sp.srcdkf()).log_likelihood
 
-    h = 1e-6
+    value, slope, h = jax.jit(likelihood), jax.jit(jax.grad(likelihood)), 1e-6
     for q in (0.02, 1e-3):
-        difference = (likelihood(q + h * q) - likelihood(q - h * q)) / (2 * h * q)
-        np.testing.assert_allclose(jax.grad(likelihood)(q), difference, rtol=1e-6)
+        difference = (value(q + h * q) - value(q - h * q)) / (2 * h * q)
+        np.testing.assert_allclose(slope(q), difference, rtol=1e-6)
 
 
 def test_a_step_online_is_one_of_the_filter_and_has_derivatives():
@@ -153,8 +161,9 @@ def test_a_step_online_is_one_of_the_filter_and_has_derivatives():
         )
 
     y, u = np.random.default_rng(0).normal(size=(6, 1)), np.linspace(0, 1, 6)
-    live = sp.online(model(0.01), method)
-    post, state = sp.filter(model(0.01), y, u, method), live.prepare(y[0], u[0])
+    one = model(0.01)
+    live = sp.online(one, method)
+    post, state = sp.filter(one, y, u, method), live.prepare(y[0], u[0])
     for k in range(6):
         state, info = live.update(state, y[k], u[k])
         np.testing.assert_allclose(state.mean, post.mean[k], rtol=1e-12)
@@ -167,12 +176,12 @@ def test_a_step_online_is_one_of_the_filter_and_has_derivatives():
         state, first = live.update(live.init(), y[0], u[0])
         return first.log_likelihood + live.update(live.predict(state, u[0]), y[1], u[1])[1].log_likelihood
 
-    h = 1e-6
-    difference = (likelihood(0.01 + h) - likelihood(0.01 - h)) / (2 * h)
-    np.testing.assert_allclose(jax.grad(likelihood)(0.01), difference, rtol=1e-6)
-    np.testing.assert_allclose(jax.jit(likelihood)(0.01), likelihood(0.01), rtol=1e-12)
-    many = jax.vmap(likelihood)(jnp.array([0.01, 0.02]))
-    np.testing.assert_allclose(many[0], likelihood(0.01), rtol=1e-12)
+    value, h = jax.jit(likelihood), 1e-6
+    difference = (value(0.01 + h) - value(0.01 - h)) / (2 * h)
+    np.testing.assert_allclose(jax.jit(jax.grad(likelihood))(0.01), difference, rtol=1e-6)
+    np.testing.assert_allclose(value(0.01), likelihood(0.01), rtol=1e-12)
+    many = jax.jit(jax.vmap(likelihood))(jnp.array([0.01, 0.02]))
+    np.testing.assert_allclose(many[0], value(0.01), rtol=1e-12)
 
 
 @pytest.mark.parametrize("in_parallel", [False, True])

@@ -30,10 +30,13 @@ def _std(cov) -> np.ndarray:
     return np.sqrt(np.einsum("tii->ti", cov))
 
 
-# Every method on one problem, one method on every problem; some methods on every problem are `slow`.
-QUICK = [("coordinated_turn", method) for method in PAIRS]
+# Methods that differ in how a square root is made on one problem, one method on every problem; the rest is `slow`:
+# every method on that problem, and some methods on every problem.
+DIFFERENT = ("ekf", "ukf", "simplex_ukf", "cdkf", "ghkf", "ukf(1e-3)", "extended set", "augmented")
+QUICK = [("coordinated_turn", method) for method in DIFFERENT]
 QUICK += [(name, "cdkf") for name in NAMES if name != "coordinated_turn"]
-MORE = [(name, method) for name in NAMES for method in ("ekf", "ukf", "simplex_ukf", "augmented")]
+MORE = [("coordinated_turn", method) for method in PAIRS if method not in DIFFERENT]
+MORE += [(name, method) for name in NAMES for method in ("ekf", "ukf", "simplex_ukf", "augmented")]
 SLOW = [pytest.param(*pair, marks=pytest.mark.slow) for pair in MORE if pair not in QUICK]
 
 
@@ -78,7 +81,9 @@ def test_gauss_hermite_of_any_order_is_its_textbook_form(order):
         assert _far(sp.filter(_model("pendulum"), y, None, method).mean, expected.mean, _std(expected.cov)) < 1e-9
 
 
-@pytest.mark.parametrize("settings", [(1.0, 2.0, 0.0), (1.0, 0.0, 2.0), (0.5, 2.0, 1.0)])
+@pytest.mark.parametrize(
+    "settings", [pytest.param((1.0, 2.0, 0.0), marks=pytest.mark.slow), (1.0, 0.0, 2.0), (0.5, 2.0, 1.0)]
+)
 @pytest.mark.parametrize("first", ["update", "predict"])
 def test_fully_augmented_form_is_table_7_3_1_on_the_growth_model(settings, first):
     problem, names = TEXTBOOK["growth"], ("alpha", "beta", "kappa")

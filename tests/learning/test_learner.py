@@ -368,7 +368,12 @@ def test_bad_pairs(x, d, message):
 
 @pytest.mark.parametrize(
     ("method", "dtype"),
-    [(sp.srukf(), jnp.float32), (sp.srcdkf(), jnp.float32), (sp.srcdkf(), jnp.float64), (sp.srekf(), jnp.float64)],
+    [
+        pytest.param(sp.srukf(), jnp.float32, marks=pytest.mark.slow),
+        (sp.srcdkf(), jnp.float32),
+        pytest.param(sp.srcdkf(), jnp.float64, marks=pytest.mark.slow),
+        (sp.srekf(), jnp.float64),
+    ],
     ids=["srukf-32", "srcdkf-32", "srcdkf-64", "srekf-64"],
 )
 def test_a_factor_stays_one_for_a_hundred_thousand_updates(method, dtype):

@@ -1,6 +1,7 @@
 """Training in epochs: the same whether it was interrupted or not, and it stops when it should."""
 
 import os
+import runpy
 import signal
 import subprocess
 import sys
@@ -103,7 +104,7 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path, monkeypatch, dtype):
     np.testing.assert_allclose(resumed.history.mse, whole.history.mse, rtol=1e-12 if dtype == np.float64 else 1e-4)
 
 
-def test_kill_and_resume(tmp_path):
+def test_kill_and_resume(tmp_path, monkeypatch):
     """kill -9 while it trains; started again, it ends with the weights of a run that was left alone."""
     script = tmp_path / "train.py"
     script.write_text(
@@ -135,7 +136,10 @@ def test_kill_and_resume(tmp_path):
     assert not killed.exists()
     again = subprocess.run(arguments, check=True, capture_output=True, text=True)
     assert "epoch 3/" not in again.stdout
-    subprocess.run([sys.executable, str(script), str(alone)], check=True, capture_output=True)
+    monkeypatch.setattr(sys, "argv", [str(script), str(alone)])
+    monkeypatch.setattr(training, "SAVED_EVERY", training.SAVED_EVERY)  # what the script sets is taken back
+    monkeypatch.setattr(epochs, "LONGEST_CALL", epochs.LONGEST_CALL)
+    runpy.run_path(str(script))
     np.testing.assert_allclose(np.load(killed), np.load(alone), rtol=1e-12)
 
 

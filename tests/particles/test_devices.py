@@ -22,7 +22,8 @@ model = sp.StateSpaceModel(
     lambda x, u: 0.9 * x + 0.1 * jnp.sin(x), lambda x, u: x, 0.5 * jnp.eye(2), 0.25 * jnp.eye(2),
     sp.Gaussian(jnp.ones(2), jnp.eye(2)))
 y = np.array([[1.5, 0.0], [np.nan, 1.0], [0.4, 0.1], [-1.0, np.nan]])
-for options in ({}, {"proposal": sp.proposals.guided(sp.srukf())}, {"move": sp.moves.random_walk(), "threshold": 1.0}):
+guided = sp.proposals.guided(sp.srekf())
+for options in ({}, {"proposal": guided, "move": sp.moves.random_walk(), "threshold": 1.0}):
     one, four = (
         sp.filter(model, y, method=sp.particle_filter(400, devices=on, **options), key=0,
                   keep=("mean", "std", "particles", "log_weights"))

@@ -178,6 +178,7 @@ def test_a_straight_function_of_large_values_has_no_residual_and_a_bend_above_ro
     A = jnp.asarray(np.random.default_rng(5).normal(size=(n, n)), dtype)
     factor = size * jnp.eye(n, dtype=dtype)
 
+    @jax.jit
     def residual(bend):
         return rule(lambda x: A @ x + 30.0 + bend * (A @ x) ** 2, factor, Euclidean()).bend
 
@@ -189,6 +190,6 @@ def test_a_straight_function_of_large_values_has_no_residual_and_a_bend_above_ro
         one, two = (jnp.linalg.norm(residual(jnp.asarray(b, dtype)), axis=1) for b in (bent, 2 * bent))
         np.testing.assert_allclose(two, 2 * one, rtol=0.05)
     # The derivative does not see the threshold: at no bend at all, it is that of the residual itself.
-    slope = jax.jacfwd(residual)(jnp.zeros((), dtype))
+    slope = jax.jit(jax.jacfwd(residual))(jnp.zeros((), dtype))
     far = residual(jnp.asarray(1.0, dtype)) - residual(jnp.asarray(0.5, dtype))
     np.testing.assert_allclose(2 * far, slope, rtol=1e-4, atol=1e-4 * float(jnp.abs(slope).max()))

@@ -74,11 +74,11 @@ def pmmh(
         >>> def build(theta):
         ...     return sp.StateSpaceModel(lambda x, u: theta["a"] * x, lambda x, u: x, 0.5 * jnp.eye(1),
         ...                               0.5 * jnp.eye(1), sp.Gaussian(jnp.zeros(1), jnp.eye(1)))
-        >>> _, y = sp.simulate(build({"a": 0.8}), 30, key=0)
+        >>> _, y = sp.simulate(build({"a": 0.8}), 20, key=0)
         >>> theta = {"a": sp.bounded(0.5, 0.3, -1.0, 1.0)}
-        >>> found = sp.pmmh(build, theta, y, key=1, method=sp.bootstrap(50), warmup=200, samples=400)
+        >>> found = sp.pmmh(build, theta, y, key=1, method=sp.bootstrap(50), warmup=100, samples=200)
         >>> found.samples["a"].shape, bool(found.estimates.low["a"] < 0.8 < found.estimates.high["a"])
-        ((4, 400), True)
+        ((4, 200), True)
     """
     posterior = to_sample("pmmh", build, theta, y, u, bootstrap(1000) if method is None else method)
     from sigmapoint.identification.chains import FEWEST, diagnosed, sampled
