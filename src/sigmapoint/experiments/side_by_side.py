@@ -1,13 +1,11 @@
-"""Experiments several at a time, each in a process of its own.
+"""Experiments several at a time, in processes of their own.
 
-Most compute on one core. Those that take times run before the others, with nothing beside them. Processes are new for
-each, as compiled programs take memory that is not given back, and not forked: a child would inherit the locks of JAX's
-threads.
+Most compute on one core. Those that take times run before the others, with nothing beside them.
 """
 
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,9 +27,12 @@ class Task(NamedTuple):
     out: Path
 
     def __call__(self) -> Rows:
-        """Conduct it."""
-        with jax.enable_x64(True):
-            return conducted(experiments.EXPERIMENTS[self.name], self.settings, self.out)
+        """Conduct it, and give back the memory of its programs."""
+        try:
+            with jax.enable_x64(True):
+                return conducted(experiments.EXPERIMENTS[self.name], self.settings, self.out)
+        finally:
+            jax.clear_caches()
 
 
 def side_by_side(tasks: Sequence[Task], jobs: int, begin: Callable[[], None]) -> Iterator[tuple[Task, Outcome]]:
@@ -48,18 +49,14 @@ def side_by_side(tasks: Sequence[Task], jobs: int, begin: Callable[[], None]) ->
     beside = [task for task in tasks if task not in alone]
     if not beside:
         return
-
-    def apart(task: Task) -> Rows:
-        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), begin) as process:
-            return process.submit(task).result()
-
-    with ThreadPoolExecutor(jobs) as threads:
+    # `spawn`: a forked child would inherit the locks of JAX's threads.
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), begin) as pool:
         try:
-            futures = {threads.submit(apart, task): task for task in beside}
+            futures = {pool.submit(task): task for task in beside}
             for future in as_completed(futures):
                 yield futures[future], future.result
         except BaseException:  # an interrupt, or nobody asks for more
-            threads.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
                 child.terminate()
             raise
