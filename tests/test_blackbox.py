@@ -126,6 +126,11 @@ def test_a_lambda_with_workers_is_told_what_to_write():
     box.close()
 
 
+def test_numbers_that_lost_half_their_bits_on_the_way_are_refused():
+    with pytest.raises(Ticket, match="a state of float64 arrived as float32"):
+        sp.blackbox(python_step)._call(2, np.dtype(np.float64), np.zeros((1, 2), np.float32))
+
+
 def deadly_step(x, u):
     os._exit(3)
 

@@ -74,6 +74,12 @@ class Blackbox:
         """Evaluate rows: every leaf of `args` has the same leading axes, over which the function is called."""
         try:
             args = jax.tree.map(np.asarray, args)
+            if args[0].dtype != dtype:
+                raise ValueError(
+                    f"blackbox: a state of {dtype} arrived as {args[0].dtype}. JAX calls black boxes from threads of "
+                    "its own, which `with jax.enable_x64(...)` does not reach: use "
+                    'jax.config.update("jax_enable_x64", True)'
+                )
             batch = args[0].shape[:-1]
             rows = jax.tree.map(lambda a: a.reshape((-1, *a.shape[len(batch) :])), args)
             values = self._rows(rows, int(np.prod(batch, dtype=int)))
