@@ -108,7 +108,7 @@ def _index(every: Sequence[Done], failed: Mapping[str, str]) -> str:
     )
     minutes = sum(done.run["seconds"] for done in every) / 60
     return (
-        f"<p>{len(held)} of {len(every) + len(failed)} claims reproduced, in {minutes:.0f} minutes.</p>"
+        f"<p>{len(held)} of {len(every) + len(failed)} claims reproduced, in {minutes:.0f} minutes together.</p>"
         f'<div class="wide"><table>{SUMMARY}{lines}</table></div>' + "".join(_section(done) for done in every)
     )
 
