@@ -12,7 +12,7 @@ from pathlib import Path
 from PIL import Image
 
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments.results import WORDS
+from sigmapoint.experiments.publishing.results import WORDS
 
 DOCS = Path(__file__).parents[1] / "docs"
 IMAGES = DOCS / "images" / "gallery"

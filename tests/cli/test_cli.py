@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import sigmapoint as sp
 from sigmapoint.cli import app, modelfile, output
 from sigmapoint.cli.expressions import parse_method, parse_methods
-from sigmapoint.experiments.results import Claim, Row, publish
+from sigmapoint.experiments.publishing.results import Claim, Row, publish
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MODEL = """

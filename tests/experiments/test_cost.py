@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import pytest
 
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments.operations import operations
+from sigmapoint.experiments.cost.operations import operations
 
 
 def test_products_and_factors_count_as_in_the_textbook():

@@ -7,7 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import sigmapoint as sp
-from sigmapoint.experiments import EXPERIMENTS, dual_ar, dual_series_runs
+from sigmapoint.experiments import EXPERIMENTS
+from sigmapoint.experiments.dual import dual_ar
+from sigmapoint.experiments.dual import runs as dual_series_runs
 from sigmapoint.problems import noisy_series
 
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments import four_regions as experiment
+from sigmapoint.experiments.learning import four_regions as experiment
 from sigmapoint.problems import four_regions
 
 

@@ -7,9 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from sigmapoint.experiments import EXPERIMENTS, mackey_glass_learning, noise_schedules
-from sigmapoint.experiments import ikeda as experiment
-from sigmapoint.experiments.results import Mean
+from sigmapoint.experiments import EXPERIMENTS
+from sigmapoint.experiments.learning import ikeda as experiment
+from sigmapoint.experiments.learning import mackey_glass_learning, noise_schedules
+from sigmapoint.experiments.publishing.results import Mean
 from sigmapoint.problems import ikeda, mackey_glass
 from sigmapoint.problems.autoregression import normalized, pairs
 

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sigmapoint.experiments import EXPERIMENTS, options_runs, options_table
-from sigmapoint.experiments.options_table import AHEAD, DRAWN, EXACT, KINDS, SEEN, SHOWN, TABLE, TRIVIAL
+from sigmapoint.experiments import EXPERIMENTS
+from sigmapoint.experiments.options.experiment import runs as options_runs
+from sigmapoint.experiments.options.experiment import table as options_table
+from sigmapoint.experiments.options.table import AHEAD, DRAWN, EXACT, KINDS, SEEN, SHOWN, TABLE, TRIVIAL
 
 FTSE100 = os.environ.get("SIGMAPOINT_FTSE100", "")
 FIGURES = ("options-forecasts", "options-states", "options-smile")

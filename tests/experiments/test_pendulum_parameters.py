@@ -6,8 +6,8 @@ import jax
 import numpy as np
 
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments import pendulum_parameters as experiment
-from sigmapoint.experiments.pendulum_learning import Learned, prediction
+from sigmapoint.experiments.pendulum_parameters.experiment import experiment
+from sigmapoint.experiments.pendulum_parameters.learning import Learned, prediction
 from sigmapoint.problems.pendulum import TRUTH
 from sigmapoint.problems.pendulum_falls import ANGLE, drawn
 

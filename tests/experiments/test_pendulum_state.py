@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 
 import sigmapoint as sp
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments.pendulum_state import _sign, telling
-from sigmapoint.experiments.pendulum_state_figures import joints
-from sigmapoint.experiments.pendulum_state_limit import least_angle
-from sigmapoint.experiments.pendulum_state_runs import by_ranks, outcome, p_value
-from sigmapoint.experiments.results import Film, Mean
+from sigmapoint.experiments.pendulum_state.experiment import _sign, telling
+from sigmapoint.experiments.pendulum_state.figures import joints
+from sigmapoint.experiments.pendulum_state.limit import least_angle
+from sigmapoint.experiments.pendulum_state.runs import by_ranks, outcome, p_value
+from sigmapoint.experiments.publishing.results import Film, Mean
 from sigmapoint.problems import pendulum, pendulum_state
 from sigmapoint.problems.pendulum_state import Trial
 

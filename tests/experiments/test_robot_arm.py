@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments import robot_arm as experiment
+from sigmapoint.experiments.learning import robot_arm as experiment
 from sigmapoint.problems import robot_arm
 
 MACKAY = os.environ.get("SIGMAPOINT_MACKAY", "")

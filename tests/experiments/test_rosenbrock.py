@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments import rosenbrock as experiment
-from sigmapoint.experiments.rosenbrock_searches import Log
+from sigmapoint.experiments.rosenbrock.experiment import experiment
+from sigmapoint.experiments.rosenbrock.searches import Log
 from sigmapoint.problems import rosenbrock
 
 

@@ -9,8 +9,8 @@ import pytest
 
 import sigmapoint as sp
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments import scalar as experiment
-from sigmapoint.experiments.results import mean_of
+from sigmapoint.experiments.publishing.results import mean_of
+from sigmapoint.experiments.scalar.experiment import experiment
 from sigmapoint.problems import scalar
 
 KEYS = ["experiment", "quantity", "method", "published", "measured", "spread", "runs", "note"]

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from sigmapoint.experiments.campaign import Settings, finished
-from sigmapoint.experiments.side_by_side import Task, side_by_side
+from sigmapoint.experiments.publishing.campaign import Settings, finished
+from sigmapoint.experiments.publishing.side_by_side import Task, side_by_side
 
 
 def test_each_is_conducted_in_a_process_of_its_own_and_what_it_raises_arrives(tmp_path):

@@ -8,8 +8,9 @@ import numpy as np
 from scipy.stats import norm
 
 import sigmapoint as sp
-from sigmapoint.experiments import EXPERIMENTS, terrain_runs
-from sigmapoint.experiments.terrain_runs import KERNEL, Belief, Flights
+from sigmapoint.experiments import EXPERIMENTS
+from sigmapoint.experiments.terrain.experiment import runs as terrain_runs
+from sigmapoint.experiments.terrain.runs import KERNEL, Belief, Flights
 
 FIGURES = ("terrain-ridge", "terrain-errors")
 

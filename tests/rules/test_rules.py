@@ -72,7 +72,7 @@ def test_unscented_1_0_0_is_cubature():
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
-def test_the_spherical_simplex_is_a_regular_one_and_its_mirror_image_and_loses_no_mixed_fourth_moment(n):
+def test_the_spherical_simplex_is_a_regular_one_and_its_mirror_image_and_sees_products_of_states(n):
     c = DENSE["ssckf"].rule.sigma_points(n)
     vertices, mirrored = np.split(c.points[1:], 2)
     np.testing.assert_array_equal(vertices, -mirrored)

@@ -52,8 +52,8 @@ def reproduce(
     One that fails is named there, and the others run on.
     """
     from sigmapoint.experiments import EXPERIMENTS
-    from sigmapoint.experiments.campaign import Settings, finished, index
-    from sigmapoint.experiments.side_by_side import Task, side_by_side
+    from sigmapoint.experiments.publishing.campaign import Settings, finished, index
+    from sigmapoint.experiments.publishing.side_by_side import Task, side_by_side
 
     console = Console()
     if show:

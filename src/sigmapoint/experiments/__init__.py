@@ -1,8 +1,8 @@
-"""The papers' experiments by name: `EXPERIMENTS[name].run(runs, seed, out, quick)`. One file each, loaded when run.
+"""The papers' experiments by name: `EXPERIMENTS[name].run(runs, seed, out, quick)`. Loaded when run.
 
-To add one: a module here with `run(runs, seed, out, quick) -> list[dict]` that ends in `results.publish`, and one line
-in `EXPERIMENTS`. Where real data cannot be bundled, `run` has a fifth argument, the folder with them or None, and the
-line says what the folder holds.
+To add one: a folder with a module `experiment`, whose `run(runs, seed, out, quick) -> list[dict]` ends in
+`publishing.results.publish`, and one line in `EXPERIMENTS`. Where real data cannot be bundled, `run` has a fifth
+argument, the folder with them or None, and the line says what the folder holds.
 """
 
 from collections.abc import Callable
@@ -34,10 +34,13 @@ class Experiment(NamedTuple):
 
 
 def _lazily(module: str) -> Run:
+    """That of a folder's `experiment`, or of another module in it."""
+    path = module if "." in module else f"{module}.experiment"
+
     def run(runs: int | None, seed: int, out: Path, quick: bool, *data: Path) -> list[dict[str, Any]]:
         if runs is not None and runs < 2:
             raise ValueError(f"runs must be at least 2, to show a spread; got {runs}")
-        return import_module(f"sigmapoint.experiments.{module}").run(runs, seed, Path(out), quick, *data)
+        return import_module(f"sigmapoint.experiments.{path}").run(runs, seed, Path(out), quick, *data)
 
     return run
 
@@ -49,10 +52,14 @@ _ALL = (
         "mackey-glass", "a chaotic series through noise, its network known", _lazily("mackey_glass"), timed=True
     ),
     Experiment("cost", "operations and times of an update against the number of weights", _lazily("cost"), timed=True),
-    Experiment("robot-arm", "a network learns a robot arm: EKF, UKF, square roots", _lazily("robot_arm")),
-    Experiment("four-regions", "a network learns four interlocking regions: two costs", _lazily("four_regions")),
-    Experiment("ikeda", "a network learns the Ikeda map: four choices of process noise", _lazily("ikeda")),
-    Experiment("mackey-glass-learning", "the same with the Mackey-Glass series", _lazily("mackey_glass_learning")),
+    Experiment("robot-arm", "a network learns a robot arm: EKF, UKF, square roots", _lazily("learning.robot_arm")),
+    Experiment(
+        "four-regions", "a network learns four interlocking regions: two costs", _lazily("learning.four_regions")
+    ),
+    Experiment("ikeda", "a network learns the Ikeda map: four choices of process noise", _lazily("learning.ikeda")),
+    Experiment(
+        "mackey-glass-learning", "the same with the Mackey-Glass series", _lazily("learning.mackey_glass_learning")
+    ),
     Experiment(
         "pendulum-parameters", "lengths and masses of a pendulum from its falls", _lazily("pendulum_parameters")
     ),
@@ -62,9 +69,9 @@ _ALL = (
     Experiment("rosenbrock", "a curved valley: filters beside Levenberg-Marquardt and BFGS", _lazily("rosenbrock")),
     Experiment("smoother", "two-filter smoothers of noisy series, with networks backward", _lazily("smoother")),
     Experiment(
-        "dual-mackey-glass", "a noisy series and its unknown network: dual, joint", _lazily("dual_mackey_glass")
+        "dual-mackey-glass", "a noisy series and its unknown network: dual, joint", _lazily("dual.dual_mackey_glass")
     ),
-    Experiment("dual-ar", "the same with a chaotic autoregressive network, and EM", _lazily("dual_ar")),
+    Experiment("dual-ar", "the same with a chaotic autoregressive network, and EM", _lazily("dual.dual_ar")),
     Experiment("modes", "natural frequencies of two masses, estimated with their motion", _lazily("modes")),
     Experiment(
         "pendulum-adaptive", "a pendulum held upright while its masses are learned", _lazily("pendulum_adaptive")

@@ -1,0 +1,1 @@
+"""`battery-joint`: capacity and resistance of a real cell."""

@@ -1,0 +1,1 @@
+"""`cost`: operations and times of an update."""

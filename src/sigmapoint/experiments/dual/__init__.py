@@ -1,0 +1,1 @@
+"""`dual-ar` and `dual-mackey-glass`: noisy series and their unknown networks."""

@@ -1,0 +1,200 @@
+"""Clean series and network from the noisy series alone: dual and joint estimation, and expectation-maximisation.
+
+Source: Wan & van der Merwe (2001), section 7.5.1, Figure 7.13, curves without numbers: "the superior performance of the
+UKF based algorithms are clear". Noise variances are known; the drift of the weights is fixed in the joint filters and
+annealed in the dual ones. What the drifts are, how long the series and how many epochs is not given; ours are in
+`dual_series_runs` and in each `Task`.
+
+Runs differ in the start of the network and in the noise. Methods are compared on the same runs.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+import sigmapoint as sp
+from sigmapoint.experiments.dual.runs import Curve, Epochs, Series, curve, known
+from sigmapoint.experiments.learning.figures import COLOURS
+from sigmapoint.experiments.publishing.results import (
+    Claim,
+    Mean,
+    Picture,
+    Row,
+    decided,
+    mean_of,
+    positive,
+    publish,
+    row_of,
+)
+from sigmapoint.problems.noisy_series import NOISE
+
+RUNS, QUICK_RUNS = 10, 2
+QUICK_EPOCHS, QUICK_SAMPLES = 2, 200
+PART = 100
+"""Samples in a picture."""
+REACHED = "SR-UKF, weights known"
+KINDS = ("dual", "joint")
+
+Found: TypeAlias = Mapping[str, Curve]
+"""by method"""
+
+
+class Task(NamedTuple):
+    """A series, and what is tried on it."""
+
+    name: str
+    title: str
+    series: Callable[[int, int, Array], Series]
+    """(runs, samples, key)"""
+    samples: int
+    epochs: int
+    methods: Mapping[str, Epochs]
+    """by a name that begins with the kind"""
+    claims: Mapping[str, tuple[str, str]]
+    """which is said to be better than which, by kind"""
+    quick: tuple[str, ...]
+    """methods of a quick run"""
+    shown: str
+    """method whose estimate is in a picture"""
+
+
+def run(task: Task, runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, Any]]:
+    """Run the experiment; see `Experiment.run`."""
+    runs, epochs = runs or (QUICK_RUNS if quick else RUNS), QUICK_EPOCHS if quick else task.epochs
+    with jax.enable_x64(True):
+        series = task.series(runs, QUICK_SAMPLES if quick else task.samples, jax.random.key(seed))
+        methods = {name: each for name, each in task.methods.items() if not quick or name in task.quick}
+        found = {name: curve(each, series, epochs) for name, each in methods.items()}
+        reached = curve(known(sp.srukf()), series, 1)
+    shown = task.shown if task.shown in found else next(iter(found))
+    samples = series.clean.shape[1]
+    pictures = [
+        Picture(
+            f"{task.name}-curves",
+            f"As Figure 7.13: error of the filtered series by epoch of {samples} samples, mean over {runs} runs ± "
+            f"standard error; the noise itself has {NOISE:.2f}. Black: {REACHED}.",
+            curves(found, mean_of(reached.errors[:, -1])),
+        ),
+        Picture(
+            f"{task.name}-estimate",
+            f"The last {min(PART, samples)} samples of a run: estimate of the {shown} in the last epoch.",
+            estimate(series, found[shown], shown),
+        ),
+    ]
+    return publish(
+        out,
+        task.title,
+        claim(task, found),
+        findings(task, found, reached, samples),
+        rows(task, found, reached),
+        pictures,
+    )
+
+
+def noisy(clean: Array, key: Array) -> Array:
+    """Through noise at 3 dB."""
+    return clean + NOISE**0.5 * jax.random.normal(key, clean.shape)
+
+
+def stacked(runs: list[Series]) -> Series:
+    """One record of all runs."""
+    return jax.tree.map(lambda *each: jnp.stack(each), *runs)
+
+
+def gain(found: Found, better: str, worse: str) -> Mean:
+    """How much lower one error is than the other in the last epoch, on the same runs."""
+    return mean_of(found[worse].errors[:, -1] - found[better].errors[:, -1])
+
+
+def claimed(task: Task, found: Found) -> dict[str, Mean]:
+    """Gains of the better over the worse, as far as both were tried."""
+    return {
+        f"{better} below {worse}": gain(found, better, worse)
+        for better, worse in task.claims.values()
+        if better in found and worse in found
+    }
+
+
+def rows(task: Task, found: Found, reached: Curve) -> list[Row]:
+    """The numbers."""
+    row = partial(row_of, task.name)
+    every = {**found, REACHED: reached}
+    return [
+        *(row("normalised MSE, last epoch", name, mean_of(c.errors[:, -1])) for name, c in every.items()),
+        *(row("normalised MSE, first epoch", name, mean_of(c.errors[:, 0])) for name, c in found.items()),
+        *(row("normalised MSE, last epoch, difference on the same runs", what, mean)
+          for what, mean in claimed(task, found).items()),
+    ]  # fmt: skip
+
+
+def claim(task: Task, found: Found) -> Claim:
+    """That of the paper."""
+    return Claim(
+        "superior performance of the UKF over the EKF, dual and joint",
+        {f"{what} by {_said(mean)}": positive(mean) for what, mean in claimed(task, found).items()},
+    )
+
+
+def findings(task: Task, found: Found, reached: Curve, samples: int) -> list[str]:
+    """What became of the claim, in words."""
+    ends = ", ".join(f"{name} {_said(mean_of(c.errors[:, -1]))}" for name, c in found.items())
+    epochs = next(iter(found.values())).errors.shape[1]
+    lost = {name: int(np.sum(~np.isfinite(c.errors[:, -1]))) for name, c in found.items()}
+    return [
+        "The paper shows curves and prints no numbers.",
+        *(f'"Superior performance of the UKF": {what}: {decided(mean)} (by {_said(mean)}).'
+          for what, mean in claimed(task, found).items()),
+        f"Normalised mean squared error in epoch {epochs} of {samples} samples: {ends}; {REACHED}: "
+        f"{_said(mean_of(reached.errors[:, -1]))}; the noise itself {NOISE:.2f}.",
+        *(f"{name}: {count} runs without an end are left out." for name, count in lost.items() if count),
+    ]  # fmt: skip
+
+
+def _said(mean: Mean) -> str:
+    return f"{mean.value:.3f} ± {mean.spread:.3f}"
+
+
+def curves(found: Found, reached: Mean) -> Figure:
+    """Learning curves, a panel for each kind of estimator; the others with the first."""
+    figure = Figure(figsize=(11, 4.5), layout="constrained")
+    axes = figure.subplots(1, len(KINDS), sharey=True)
+    for i, (axis, kind) in enumerate(zip(axes, KINDS)):
+        of_kind = [name for name in found if name.startswith(kind) or (i == 0 and not name.startswith(KINDS))]
+        for colour, name in zip(COLOURS, of_kind):
+            errors = found[name].errors
+            epochs, mean = np.arange(1, errors.shape[1] + 1), errors.mean(0)
+            spread = errors.std(0, ddof=1) / len(errors) ** 0.5
+            axis.plot(epochs, mean, color=colour, label=name)
+            axis.fill_between(epochs, mean - spread, mean + spread, color=colour, alpha=0.15, lw=0)
+        axis.axhline(NOISE, color="0.6", lw=0.8, ls=":", label="the noise itself")
+        axis.axhline(reached.value, color="black", lw=0.8, ls="--", label="weights known")
+        axis.set_yscale("log")
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axis.set_xlabel("epoch")
+        axis.set_title(kind)
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.legend(frameon=False, fontsize=8)
+    axes[0].set_ylabel("normalised mean squared error")
+    return figure
+
+
+def estimate(series: Series, found: Curve, name: str) -> Figure:
+    """The end of the first run."""
+    figure = Figure(figsize=(11, 3.5), layout="constrained")
+    axis = figure.subplots()
+    last = np.arange(series.clean.shape[1])[-PART:]
+    axis.plot(last, np.asarray(series.noisy)[0, last], ".", color="0.6", label="noisy")
+    axis.plot(last, np.asarray(series.clean)[0, last], color="black", lw=1, label="clean")
+    axis.plot(last, found.estimate[0, last], color=COLOURS[1], label=name)
+    axis.set_xlabel("sample")
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.legend(frameon=False, ncols=3)
+    return figure

@@ -1,0 +1,1 @@
+"""`f15`: a flight simulator as the model."""

@@ -1,0 +1,1 @@
+"""Networks that learn: `robot-arm`, `four-regions`, `ikeda`, `mackey-glass-learning`."""

@@ -1,0 +1,1 @@
+"""`mackey-glass`: a chaotic series through noise."""

@@ -1,0 +1,1 @@
+"""`modes`: natural frequencies of two masses."""

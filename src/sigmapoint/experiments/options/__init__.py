@@ -1,0 +1,1 @@
+"""`options`: interest rate and volatility from prices of options."""

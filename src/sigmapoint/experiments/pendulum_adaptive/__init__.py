@@ -1,0 +1,1 @@
+"""`pendulum-adaptive`: held upright while its masses are learned."""

@@ -1,0 +1,1 @@
+"""`pendulum-parameters`: lengths and masses from falls."""

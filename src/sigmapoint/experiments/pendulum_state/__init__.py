@@ -1,0 +1,1 @@
+"""`pendulum-state`: half the states are seen."""

@@ -1,0 +1,1 @@
+"""Pages, claims and rows of experiments, and several experiments at a time."""

@@ -1,0 +1,62 @@
+"""Experiments several at a time, in processes of their own.
+
+Most compute on one core. Those that take times run before the others, with nothing beside them.
+"""
+
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+
+from sigmapoint import experiments
+from sigmapoint.experiments.publishing.campaign import Settings, conducted
+
+Rows = list[dict[str, Any]]
+Outcome = Callable[[], Rows]
+"""gives the rows, or raises what the experiment has raised"""
+
+
+class Task(NamedTuple):
+    """An experiment to be conducted."""
+
+    name: str
+    settings: Settings
+    out: Path
+
+    def __call__(self) -> Rows:
+        """Conduct it, and give back the memory of its programs."""
+        jax.config.update("jax_enable_x64", True)  # in all threads: those of black boxes, too
+        try:
+            return conducted(experiments.EXPERIMENTS[self.name], self.settings, self.out)
+        finally:
+            jax.clear_caches()
+
+
+def side_by_side(tasks: Sequence[Task], jobs: int, begin: Callable[[], None]) -> Iterator[tuple[Task, Outcome]]:
+    """Conduct experiments, so many at a time; each as it comes to its end.
+
+    Args:
+        tasks: the experiments.
+        jobs: how many at a time; 1: one after the other in this process.
+        begin: what a new process does first.
+    """
+    alone = [task for task in tasks if jobs == 1 or experiments.EXPERIMENTS[task.name].timed]
+    for task in alone:
+        yield task, task
+    beside = [task for task in tasks if task not in alone]
+    if not beside:
+        return
+    # `spawn`: a forked child would inherit the locks of JAX's threads.
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), begin) as pool:
+        try:
+            futures = {pool.submit(task): task for task in beside}
+            for future in as_completed(futures):
+                yield futures[future], future.result
+        except BaseException:  # an interrupt, or nobody asks for more
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise

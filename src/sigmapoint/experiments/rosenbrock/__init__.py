@@ -1,0 +1,1 @@
+"""`rosenbrock`: a curved valley."""

@@ -1,0 +1,1 @@
+"""`scalar`: a scalar model with a cubic sensor."""

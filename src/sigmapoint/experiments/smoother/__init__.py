@@ -1,0 +1,1 @@
+"""`smoother`: two-filter smoothers of noisy series."""

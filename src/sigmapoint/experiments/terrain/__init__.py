@@ -1,0 +1,1 @@
+"""`terrain`: an aircraft above ridges that look alike."""

@@ -1,0 +1,1 @@
+"""`transform`: mean and covariance through a nonlinearity."""

@@ -1,0 +1,1 @@
+"""`upf-synthetic`: proposals of Kalman filters."""
