@@ -110,7 +110,7 @@ def test_a_film_is_a_moving_picture_in_the_folder_and_on_the_page(tmp_path):
     (line,) = figure.subplots().plot([0], [0])
     moving = FuncAnimation(figure, lambda k: line.set_data([0, k], [0, 1]) or [line], 3, init_func=list)
     image = Film("film", "Moves.", moving, 10).saved(tmp_path)
-    assert image.kind == "gif"
+    assert image.file == "film.gif"
     assert image.content[:6] == b"GIF89a"
     assert (tmp_path / "film.gif").read_bytes() == image.content
 

@@ -155,7 +155,8 @@ def test_what_is_written_can_be_read(quick):
         assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert "<svg" in (out / f"{name}.svg").read_text()
     claim = json.loads((out / "claim.json").read_text())
-    assert set(claim) == {"title", "claim", "holds", "verdict"}
+    assert set(claim) == {"title", "claim", "holds", "verdict", "pictures"}
+    assert set(claim["pictures"]) == {p.name for p in out.glob("*.png")}
     assert f"<p>Claim: {claim['claim']}</p>" in page
     assert len(list(out.iterdir())) == 7
 
