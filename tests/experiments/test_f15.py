@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments.f15.experiment import experiment as f15
-from sigmapoint.experiments.f15.experiment import times as f15_times
+from sigmapoint.experiments.f15 import experiment as f15
+from sigmapoint.experiments.f15 import times as f15_times
 
 pytest.importorskip("jsbsim")
 

@@ -7,9 +7,9 @@ import pytest
 
 from sigmapoint.data import load_leaf
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments.battery_joint.experiment import experiment as battery_joint
-from sigmapoint.experiments.modes.experiment import experiment as modes
-from sigmapoint.experiments.pendulum_adaptive.experiment import experiment as pendulum_adaptive
+from sigmapoint.experiments.battery_joint import experiment as battery_joint
+from sigmapoint.experiments.modes import experiment as modes
+from sigmapoint.experiments.pendulum_adaptive import experiment as pendulum_adaptive
 from sigmapoint.problems import battery_joint as cell
 
 

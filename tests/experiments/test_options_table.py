@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments.options.experiment import runs as options_runs
-from sigmapoint.experiments.options.experiment import table as options_table
+from sigmapoint.experiments.options import runs as options_runs
+from sigmapoint.experiments.options import table as options_table
 from sigmapoint.experiments.options.table import AHEAD, DRAWN, EXACT, KINDS, SEEN, SHOWN, TABLE, TRIVIAL
 
 FTSE100 = os.environ.get("SIGMAPOINT_FTSE100", "")

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments.pendulum_parameters.experiment import experiment
+from sigmapoint.experiments.pendulum_parameters import experiment
 from sigmapoint.experiments.pendulum_parameters.learning import Learned, prediction
 from sigmapoint.problems.pendulum import TRUTH
 from sigmapoint.problems.pendulum_falls import ANGLE, drawn

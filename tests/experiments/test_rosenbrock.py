@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments.rosenbrock.experiment import experiment
+from sigmapoint.experiments.rosenbrock import experiment
 from sigmapoint.experiments.rosenbrock.searches import Log
 from sigmapoint.problems import rosenbrock
 

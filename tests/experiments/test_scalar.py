@@ -10,7 +10,7 @@ import pytest
 import sigmapoint as sp
 from sigmapoint.experiments import EXPERIMENTS
 from sigmapoint.experiments.publishing.results import mean_of
-from sigmapoint.experiments.scalar.experiment import experiment
+from sigmapoint.experiments.scalar import experiment
 from sigmapoint.problems import scalar
 
 KEYS = ["experiment", "quantity", "method", "published", "measured", "spread", "runs", "note"]

@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 import sigmapoint as sp
 from sigmapoint.experiments import EXPERIMENTS
-from sigmapoint.experiments.terrain.experiment import runs as terrain_runs
+from sigmapoint.experiments.terrain import runs as terrain_runs
 from sigmapoint.experiments.terrain.runs import KERNEL, Belief, Flights
 
 FIGURES = ("terrain-ridge", "terrain-errors")

@@ -8,8 +8,8 @@ import pytest
 
 import sigmapoint as sp
 from sigmapoint.experiments import EXPERIMENTS
+from sigmapoint.experiments.transform import experiment
 from sigmapoint.experiments.transform.cases import CASES, Case, deviation, monte_carlo, truth
-from sigmapoint.experiments.transform.experiment import experiment
 
 ONE = {
     "linearised": (2, 4),

@@ -9,8 +9,8 @@ import pytest
 import sigmapoint as sp
 from sigmapoint.experiments import EXPERIMENTS
 from sigmapoint.experiments.floored import floored
-from sigmapoint.experiments.upf_synthetic.experiment import experiment as upf_synthetic
-from sigmapoint.experiments.upf_synthetic.experiment import runs as upf_synthetic_runs
+from sigmapoint.experiments.upf_synthetic import experiment as upf_synthetic
+from sigmapoint.experiments.upf_synthetic import runs as upf_synthetic_runs
 
 FIGURES = ("upf-synthetic-run", "upf-synthetic-scores")
 PUBLISHED, LOGARITHMS, TOLD = (f"RMSE, mean over runs, {case.name}" for case in upf_synthetic_runs.cases())
