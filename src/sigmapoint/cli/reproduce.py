@@ -3,9 +3,10 @@
 import difflib
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -15,8 +16,11 @@ from sigmapoint.cli.cache import kept_between_runs
 from sigmapoint.cli.errors import InputError, folder, guarded, named, stopped
 from sigmapoint.cli.run import Debug
 
+if TYPE_CHECKING:
+    from sigmapoint.experiments.publishing.side_by_side import Task
+
 MOST_JOBS = 4
-"""each may take 2 GB"""
+"""few, as each takes a gigabyte or two of memory"""
 
 
 @guarded
@@ -71,27 +75,32 @@ def reproduce(
     for experiment in sorted(done):
         console.print(f"kept {folders[experiment]}", markup=False)
     left, failed = [task for task in tasks if task.name not in done], {}
+    several = (jobs or min(os.cpu_count() or 1, MOST_JOBS)) if every else 1
     try:
-        with Console(stderr=True).status(f"running {', '.join(task.name for task in left)}"):
-            several = jobs or min(os.cpu_count() or 1, MOST_JOBS)
-            for task, outcome in side_by_side(left, several if every else 1, kept_between_runs):
+        with (
+            Console(stderr=True).status(f"running {', '.join(task.name for task in left)}"),
+            closing(side_by_side(left, several, kept_between_runs)) as outcomes,
+        ):
+            for task, outcome in outcomes:
                 stopped()
                 try:
-                    rows = outcome()
+                    _tell(console, task, outcome())
+                    done.add(task.name)
                 except Exception as error:
                     if debug or not every:
                         raise
                     failed[task.name] = named(error)  # the others do not depend on it
                     console.print(f"{task.name} failed: {failed[task.name]}", markup=False)
-                    continue
-                done.add(task.name)
-                console.print(output.table(task.name, _shown(rows)))
-                output.written(console, sorted(p for p in task.out.iterdir() if p.is_file()))
     finally:  # also of what was done before an interrupt
         if every and (done or failed):
             output.written(console, index(out, [name for name in chosen if name in done], failed))
     if failed:
         raise RuntimeError(f"{', '.join(failed)} failed, see above; --resume runs only what is missing")
+
+
+def _tell(console: Console, task: "Task", rows: Sequence[Mapping[str, Any]]) -> None:
+    console.print(output.table(task.name, _shown(rows)))
+    output.written(console, sorted(p for p in task.out.iterdir() if p.is_file()))
 
 
 def _known(name: str | None, names: list[str]) -> str:

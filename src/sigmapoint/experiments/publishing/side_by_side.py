@@ -1,10 +1,11 @@
 """Experiments several at a time, in processes of their own.
 
-Most compute on one core. Those that take times run before the others, with nothing beside them.
+Most compute on one core. Those that take times run before the others, with nothing beside them (but for
+quick runs, whose times mean nothing).
 """
 
 import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,6 +27,11 @@ class Task(NamedTuple):
     settings: Settings
     out: Path
 
+    @property
+    def timed(self) -> bool:
+        """Whether it takes times that are to mean something."""
+        return experiments.EXPERIMENTS[self.name].timed and not self.settings.quick
+
     def __call__(self) -> Rows:
         """Conduct it, and give back the memory of its programs."""
         jax.config.update("jax_enable_x64", True)  # in all threads: those of black boxes, too
@@ -35,7 +41,9 @@ class Task(NamedTuple):
             jax.clear_caches()
 
 
-def side_by_side(tasks: Sequence[Task], jobs: int, begin: Callable[[], None]) -> Iterator[tuple[Task, Outcome]]:
+def side_by_side(
+    tasks: Sequence[Task], jobs: int, begin: Callable[[], None]
+) -> Generator[tuple[Task, Outcome], None, None]:
     """Conduct experiments, so many at a time; each as it comes to its end.
 
     Args:
@@ -43,7 +51,7 @@ def side_by_side(tasks: Sequence[Task], jobs: int, begin: Callable[[], None]) ->
         jobs: how many at a time; 1: one after the other in this process.
         begin: what a new process does first.
     """
-    alone = [task for task in tasks if jobs == 1 or experiments.EXPERIMENTS[task.name].timed]
+    alone = [task for task in tasks if jobs == 1 or task.timed]
     for task in alone:
         yield task, task
     beside = [task for task in tasks if task not in alone]

@@ -23,10 +23,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from matplotlib.figure import Figure
 
 import sigmapoint as sp
-from sigmapoint.experiments.learning.figures import COLOURS
 from sigmapoint.experiments.publishing.results import (
     Claim,
     Mean,
@@ -38,6 +36,7 @@ from sigmapoint.experiments.publishing.results import (
     positive,
     publish,
 )
+from sigmapoint.experiments.smoother.figures import stages
 from sigmapoint.experiments.smoother.stages import B, F, Linearised, S, Samplewise, Whole
 from sigmapoint.filtering import scan
 from sigmapoint.methods import Method
@@ -98,8 +97,11 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
     said = (
         f"Mean over {runs} noisy series of {TEST} samples ± standard error; 1 is an estimate of zero. Grey: published."
     )
+    published = {task.name: task.published for task in tasks}
     pictures = [
-        Picture("smoother", f"Normalised mean squared errors, forward, backward, smoothed. {said}", figure_of(found))
+        Picture(
+            "smoother", f"Normalised mean squared errors, forward, backward, smoothed. {said}", errors(found, published)
+        )
     ]
     rows = [row for task in tasks for row in rows_of(task, found[task.name])]
     return publish(out, "Smoothers of noisy chaotic series", claim(found), findings(found), rows, pictures)
@@ -228,32 +230,3 @@ def findings(found: Mapping[str, Errors]) -> Sequence[str]:
                 f"a second filter by {rts.value:.3f} ± {rts.spread:.3f}, and needs no backward network."
             )
     return said
-
-
-def figure_of(found: Mapping[str, Errors]) -> Figure:
-    """Errors by stage, the papers' behind them."""
-    figure = Figure(figsize=(11, 4.5), layout="constrained")
-    tasks = [task for task in TASKS if task.name in found]
-    axes = figure.subplots(1, len(tasks), squeeze=False)[0]
-    for axis, task in zip(axes, tasks):
-        each = found[task.name]
-        names = list(each)
-        for i, stage in enumerate((F, B, S)):
-            at = [k for k, name in enumerate(names) if stage in each[name]]
-            means = [mean_of(each[names[k]][stage]) for k in at]
-            place = np.array(at) + 0.25 * (i - 1)
-            axis.bar(
-                place, [m.value for m in means], 0.22, yerr=[m.spread for m in means], color=COLOURS[i], label=stage
-            )
-            for k, name in enumerate(names):
-                if name in task.published:
-                    axis.plot(
-                        k + 0.25 * (i - 1) + np.array([-0.13, 0.13]), [task.published[name][i]] * 2, c="0.35", lw=2
-                    )
-        axis.set_xticks(range(len(names)), names, rotation=35, ha="right")
-        axis.set_title(task.name)
-        axis.set_ylabel("normalised mean squared error")
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.set_ylim(0, min(1, axis.get_ylim()[1]))
-    axes[-1].legend(frameon=False)
-    return figure
