@@ -36,7 +36,7 @@ from sigmapoint.experiments.publishing.results import (
     positive,
     publish,
 )
-from sigmapoint.experiments.smoother.figures import stages
+from sigmapoint.experiments.smoother.figures import bars
 from sigmapoint.experiments.smoother.stages import B, F, Linearised, S, Samplewise, Whole
 from sigmapoint.filtering import scan
 from sigmapoint.methods import Method
@@ -100,7 +100,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
     published = {task.name: task.published for task in tasks}
     pictures = [
         Picture(
-            "smoother", f"Normalised mean squared errors, forward, backward, smoothed. {said}", errors(found, published)
+            "smoother", f"Normalised mean squared errors, forward, backward, smoothed. {said}", bars(found, published)
         )
     ]
     rows = [row for task in tasks for row in rows_of(task, found[task.name])]

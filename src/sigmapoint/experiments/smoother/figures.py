@@ -11,7 +11,7 @@ from sigmapoint.experiments.publishing.results import mean_of
 from sigmapoint.experiments.smoother.stages import B, F, S
 
 
-def stages(
+def bars(
     found: Mapping[str, Mapping[str, Mapping[str, Float[np.ndarray, " R"]]]],
     published: Mapping[str, Mapping[str, tuple[float, float, float]]],
 ) -> Figure:
