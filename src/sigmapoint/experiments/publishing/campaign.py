@@ -85,6 +85,7 @@ class Done(NamedTuple):
 
 def index(out: Path, names: Sequence[str], failed: Mapping[str, str]) -> list[Path]:
     """Write the index of the experiments in these folders of `out`; of those that `failed`, why. The files written."""
+    out.mkdir(parents=True, exist_ok=True)
     every = [Done.of(name, out) for name in names]
     rows = [row for done in every for row in done.rows]
     files = {

@@ -35,9 +35,12 @@ class Task(NamedTuple):
     def __call__(self) -> Rows:
         """Conduct it, and give back the memory of its programs."""
         jax.config.update("jax_enable_x64", True)  # in all threads: those of black boxes, too
+        before = jax.config.read("jax_disable_most_optimizations")
+        jax.config.update("jax_disable_most_optimizations", before or self.settings.quick)  # compile fast, not well
         try:
             return conducted(experiments.EXPERIMENTS[self.name], self.settings, self.out)
         finally:
+            jax.config.update("jax_disable_most_optimizations", before)
             jax.clear_caches()
 
 
