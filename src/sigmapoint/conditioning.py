@@ -79,8 +79,9 @@ def condition(
     """
     floor = (ROUND_OFF * jnp.finfo(difference.dtype).eps * jax.lax.stop_gradient(joint.value.scale)) ** 2
     elements, states = _arranged(joint, difference, active, kind)
-    large = max(elements.slope.shape) > 2 * LARGEST
-    return (_together if large else _one_by_one)(elements, states, floor)
+    size = max(elements.slope.shape)
+    form = _together if size > 2 * LARGEST else _one_by_one if small(size // 2) else _one_by_one_once
+    return form(elements, states, floor)
 
 
 def _one_by_one(elements: Rows, states: Rows, floor: Float[Array, " d"]) -> Conditioned:
@@ -98,6 +99,10 @@ def _one_by_one(elements: Rows, states: Rows, floor: Float[Array, " d"]) -> Cond
         (elements, states), one = take((elements, states), i)
         each.append(one)
     return Conditioned(-states.difference, states.slope.T, *(jnp.stack(part) for part in zip(*each)))
+
+
+_one_by_one_once = jax.jit(_one_by_one)
+"""Traced once for a size, however often a program has it."""
 
 
 @jax.custom_jvp

@@ -21,7 +21,7 @@ def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     A pivot that is not above round-off of its own diagonal element gives a zero column, so that a singular (or, by
     round-off, slightly indefinite) matrix has a finite factor. The lower triangle of `P` is read.
     """
-    return left_looking(P) if small(P.shape[0]) else _by_lapack(P)
+    return left_looking(P) if small(P.shape[0]) else _by_lapack_once(P)
 
 
 def _scale(pivot: Array, floor: Array) -> Array:
@@ -54,6 +54,10 @@ def _by_lapack(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
 def _by_lapack_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
     # LAPACK's has no finite derivative where P is singular.
     return leading(jax.jvp(_right_looking, primals, tangents), primals)
+
+
+_by_lapack_once = jax.jit(_by_lapack)
+"""Traced once for a size, however often a program has it."""
 
 
 def _right_looking(P: Float[Array, "n n"]) -> Float[Array, "n n"]:

@@ -41,7 +41,8 @@ def tria(
             locks that wait for each other.
     """
     n = A.shape[0]
-    return _tria(A, jnp.zeros((n, n), A.dtype) if known is None else known, many)
+    form = _tria if small(n) else _tria_once
+    return form(A, jnp.zeros((n, n), A.dtype) if known is None else known, many)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(2,))
@@ -59,6 +60,10 @@ def _tria_jvp(many: bool, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -
     rows = _resolved(L, A)
     Q = Q + (rows - jax.lax.stop_gradient(rows))
     return leading((L, _change(L, Q, dA, dknown)), A, known)
+
+
+_tria_once = jax.jit(_tria, static_argnums=2)
+"""Traced once for a size, however often a program has it."""
 
 
 def _change(L: Array, Q: Array, dA: Array, dknown: Array) -> Array:
