@@ -17,6 +17,7 @@ import sigmapoint as sp
 from sigmapoint.experiments.dual import series as dual_series
 from sigmapoint.experiments.dual.runs import Series, dual, joint
 from sigmapoint.experiments.dual.series import Task, noisy, stacked
+from sigmapoint.experiments.runs import Runs
 from sigmapoint.problems import mackey_glass, network
 from sigmapoint.problems.autoregression import normalized
 from sigmapoint.problems.noisy_series import learned
@@ -46,7 +47,7 @@ TASK = Task(
     name="dual-mackey-glass",
     title="The Mackey-Glass series and a 6-10-1 network, from the noisy series alone",
     series=series,
-    runs=10,
+    runs=Runs(each=10, compared=10, quick=2),
     samples=200,
     epochs=6,
     methods={

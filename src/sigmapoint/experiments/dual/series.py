@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -28,15 +28,16 @@ from sigmapoint.experiments.publishing.results import (
     Mean,
     Picture,
     Row,
+    ahead,
     decided,
     mean_of,
     positive,
     publish,
     row_of,
 )
+from sigmapoint.experiments.runs import Runs
 from sigmapoint.problems.noisy_series import NOISE
 
-QUICK_RUNS = 2
 QUICK_EPOCHS, QUICK_SAMPLES = 2, 200
 PART = 100
 """Samples in a picture."""
@@ -54,7 +55,7 @@ class Task(NamedTuple):
     title: str
     series: Callable[[int, int, Array], Series]
     """(runs, samples, key)"""
-    runs: int
+    runs: Runs
     samples: int
     epochs: int
     methods: Mapping[str, Epochs]
@@ -69,20 +70,25 @@ class Task(NamedTuple):
 
 def run(task: Task, runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, Any]]:
     """Run the experiment; see `Experiment.run`."""
-    runs, epochs = runs or (QUICK_RUNS if quick else task.runs), QUICK_EPOCHS if quick else task.epochs
+    names, epochs = task.quick if quick else tuple(task.methods), QUICK_EPOCHS if quick else task.epochs
+    compared = [name for pair in task.claims.values() for name in pair]
+    counts = task.runs.of(names, compared, runs, quick)
+    most, fewest = (choose(counts.values()) for choose in (max, min))
     with jax.enable_x64(True):
-        series = task.series(runs, QUICK_SAMPLES if quick else task.samples, jax.random.key(seed))
-        methods = {name: each for name, each in task.methods.items() if not quick or name in task.quick}
-        found = {name: curve(each, series, epochs) for name, each in methods.items()}
+        series = task.series(most, QUICK_SAMPLES if quick else task.samples, jax.random.key(seed))
+        found = {
+            name: curve(task.methods[name], jax.tree.map(lambda a, count=count: a[:count], series), epochs)
+            for name, count in counts.items()
+        }
         reached = curve(known(sp.srukf()), series, 1)
     shown = task.shown if task.shown in found else next(iter(found))
     samples = series.clean.shape[1]
     pictures = [
         Picture(
             f"{task.name}-curves",
-            f"As Figure 7.13: error of the filtered series by epoch of {samples} samples, mean over {runs} runs ± "
-            f"standard error; the noise itself has {NOISE:.2f}. Black: {REACHED}.",
-            curves(found, mean_of(reached.errors[:, -1])),
+            f"As Figure 7.13: error of the filtered series by epoch of {samples} samples, mean over the first {fewest} "
+            f"runs ± standard error; the noise itself has {NOISE:.2f}. Black: {REACHED}.",
+            curves({name: c.errors[:fewest] for name, c in found.items()}, mean_of(reached.errors[:, -1])),
         ),
         Picture(
             f"{task.name}-estimate",
@@ -115,7 +121,7 @@ def gain(found: Found, better: str, worse: str) -> Mean:
 
     Few runs with large errors would decide a mean of differences.
     """
-    return mean_of(np.log10(found[worse].errors[:, -1] / found[better].errors[:, -1]))
+    return ahead(*(np.log10(found[name].errors[:, -1]) for name in (worse, better)))
 
 
 def claimed(task: Task, found: Found) -> dict[str, Mean]:
@@ -166,14 +172,14 @@ def _said(mean: Mean) -> str:
     return f"{mean.value:.3f} ± {mean.spread:.3f}"
 
 
-def curves(found: Found, reached: Mean) -> Figure:
+def curves(found: Mapping[str, Float[np.ndarray, "R E"]], reached: Mean) -> Figure:
     """Learning curves, a panel for each kind of estimator; the others with the first."""
     figure = Figure(figsize=(11, 4.5), layout="constrained")
     axes = figure.subplots(1, len(KINDS), sharey=True)
     for i, (axis, kind) in enumerate(zip(axes, KINDS)):
         of_kind = [name for name in found if name.startswith(kind) or (i == 0 and not name.startswith(KINDS))]
         for colour, name in zip(COLOURS, of_kind):
-            errors = found[name].errors
+            errors = found[name]
             epochs, mean = np.arange(1, errors.shape[1] + 1), errors.mean(0)
             spread = errors.std(0, ddof=1) / len(errors) ** 0.5
             axis.plot(epochs, mean, color=colour, label=name)

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from sigmapoint.experiments.publishing.results import Mean, mean_of
 from sigmapoint.learning.learner import Learner
 from sigmapoint.learning.state import LearnerState
 from sigmapoint.learning.update import updated
@@ -55,12 +54,6 @@ def orders(runs: int, epochs: int, rows: int, key: Array) -> Int[Array, "R E N"]
 def once(runs: int, epochs: int, rows: int) -> Int[Array, "R E N"]:
     """An order that takes runs × epochs × rows pairs once each: new ones for every run and epoch."""
     return jnp.arange(runs * epochs * rows).reshape(runs, epochs, rows)
-
-
-def ahead(found: Float[np.ndarray, " R"], over: Float[np.ndarray, " N"]) -> Mean:
-    """How much more one has than the other, on the runs that both have: the first ones, from the same starts."""
-    runs = min(len(found), len(over))
-    return mean_of(found[:runs] - over[:runs])
 
 
 @eqx.filter_jit

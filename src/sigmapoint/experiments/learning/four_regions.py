@@ -18,19 +18,21 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import sigmapoint as sp
-from sigmapoint.experiments.learning.curves import Curves, ahead, curves, once
+from sigmapoint.experiments.learning.curves import Curves, curves, once
 from sigmapoint.experiments.learning.figures import learning, maps
 from sigmapoint.experiments.publishing.results import (
     Claim,
     Mean,
     Picture,
     Row,
+    ahead,
     decided,
     mean_of,
     positive,
     publish,
     row_of,
 )
+from sigmapoint.experiments.runs import Runs
 from sigmapoint.learning.learner import Learner
 from sigmapoint.learning.state import LearnerState
 from sigmapoint.methods import Method
@@ -67,8 +69,8 @@ CLAIMS = (
 )
 """a statement, and the two lanes it compares"""
 COMPARED = ("EKF", "UKF")
-"""by the claim: they take more runs"""
-RUNS, COMPARED_RUNS, QUICK_RUNS = 10, 40, 2
+"""by the claim"""
+RUNS = Runs(each=10, compared=40, quick=2)
 EPOCHS, QUICK_EPOCHS = 60, 3
 POINTS, SIDE = 100, 100
 WANTED = 0.9
@@ -82,8 +84,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
     """Run the experiment; see `Experiment.run`."""
     epochs = QUICK_EPOCHS if quick else EPOCHS
     with jax.enable_x64(True):
-        most, several = (runs, runs) if runs else (QUICK_RUNS, QUICK_RUNS) if quick else (COMPARED_RUNS, RUNS)
-        counts = {name: most if name in COMPARED else several for name in (QUICK if quick else LANES)}
+        counts = RUNS.of(QUICK if quick else LANES, COMPARED, runs, quick)
         found = trained(counts, epochs, jax.random.key(seed))
         x, truth = four_regions.grid(SIDE)
         first = {name: learner(name).setup.parameters.tree(jnp.asarray(c.mean[0])) for name, c in found.items()}

@@ -20,13 +20,14 @@ import jax.numpy as jnp
 import numpy as np
 
 import sigmapoint as sp
-from sigmapoint.experiments.learning.curves import Curves, ahead, curves, orders
+from sigmapoint.experiments.learning.curves import Curves, curves, orders
 from sigmapoint.experiments.learning.figures import learning
 from sigmapoint.experiments.publishing.results import (
     Claim,
     Mean,
     Picture,
     Row,
+    ahead,
     decided,
     mean_of,
     plus_minus,
@@ -34,6 +35,7 @@ from sigmapoint.experiments.publishing.results import (
     publish,
     row_of,
 )
+from sigmapoint.experiments.runs import Runs
 from sigmapoint.learning.drift import Drift
 from sigmapoint.learning.learner import Learner
 from sigmapoint.methods import Method
@@ -60,8 +62,8 @@ EXACT = "forgetting"
 """the same filter in both forms"""
 PRIOR = 0.3
 COMPARED = ("EKF", "UKF")
-"""by the claim: they take more runs"""
-RUNS, COMPARED_RUNS, QUICK_RUNS = 10, 100, 2
+"""by the claim"""
+RUNS = Runs(each=10, compared=100, quick=2)
 EPOCHS, QUICK_EPOCHS = 40, 5
 TRAIN, TEST = 200, 2000
 FLOOR = robot_arm.NOISE**2
@@ -76,8 +78,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
     with jax.enable_x64(True):
         keys = jax.random.split(jax.random.key(seed), 2)
         data = robot_arm.drawn(TRAIN + TEST, keys[0])
-        most, several = (runs, runs) if runs else (QUICK_RUNS, QUICK_RUNS) if quick else (COMPARED_RUNS, RUNS)
-        counts = {name: most if name in COMPARED else several for name in METHODS}
+        counts = RUNS.of(METHODS, COMPARED, runs, quick)
         epochs, drifts = (QUICK_EPOCHS, {EXACT: DRIFTS[EXACT]}) if quick else (EPOCHS, DRIFTS)
         found = {name: trained(data, drift, counts, epochs, keys[1]) for name, drift in drifts.items()}
     fewest = min(counts.values())

@@ -92,17 +92,15 @@ def loaded(folder: Path) -> Markets:
 
 
 def filtered(method: Method, noise: Noise = options.NOISE) -> Estimator:
-    """By a Gaussian filter."""
-    return lambda prices, quotes, keys: _found(options.model(noise), method, prices, quotes)
+    """By a Gaussian filter; one program for all strikes."""
 
-
-def _found(model: StateSpaceModel, method: Method, prices: Float[Array, "M T 2"], quotes: Quote) -> Found:
     def one(y: Float[Array, "T 2"], quote: Quote) -> tuple[Array, ...]:
-        post = sp.filter(model, y, quote, method=method, keep=("mean", "std", "innovation", "nis"))
+        post = sp.filter(options.model(noise), y, quote, method=method, keep=("mean", "std", "innovation", "nis"))
         mean, std, innovation, nis = map(jnp.asarray, (post.mean, post.std, post.innovation, post.nis))
         return y - innovation, jax.vmap(options.prices)(mean, quote), mean, std, nis
 
-    return Found(*map(np.asarray, jax.vmap(one)(prices, quotes)))
+    program = jax.jit(jax.vmap(one))
+    return lambda prices, quotes, keys: Found(*map(np.asarray, program(prices, quotes)))
 
 
 def by_particles(method: sp.ParticleMethod, model: Callable[[], StateSpaceModel] = options.model) -> Estimator:

@@ -134,6 +134,12 @@ def mean_of(samples: np.ndarray) -> Mean:
     return Mean(float(kept.mean()), float(kept.std(ddof=1) / math.sqrt(kept.size)), kept.size)
 
 
+def ahead(found: np.ndarray, over: np.ndarray) -> Mean:
+    """How much more one has than the other, (runs,) each, on the runs that both have: the first ones."""
+    runs = min(len(found), len(over))
+    return mean_of(found[:runs] - over[:runs])
+
+
 def positive(gain: Mean) -> bool | None:
     """Whether this is, by three standard errors; None where that is not decided."""
     return gain.value > 0 if abs(gain.value) > 3 * gain.spread else None
