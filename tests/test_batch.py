@@ -1,5 +1,6 @@
 """A batch gives of every series what a run of its own gives."""
 
+import os
 import subprocess
 import sys
 from functools import cache
@@ -170,6 +171,6 @@ print("same", len(used))
 
 
 def test_several_devices(monkeypatch):
-    monkeypatch.setenv("XLA_FLAGS", "--xla_force_host_platform_device_count=3")
+    monkeypatch.setenv("XLA_FLAGS", f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=3")
     run = subprocess.run([sys.executable, "-c", DEVICES], capture_output=True, text=True, check=False)
     assert run.stdout.startswith("same"), run.stderr

@@ -36,8 +36,8 @@ ALONE_AND_JOINT = {
 }
 
 
-SOME = ("ekf", "srcdkf", "ukf", "iterated")
-"""One of each rule and of each belief."""
+SOME = ("srcdkf", "ukf", "iterated")
+"""Of both beliefs."""
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,15 @@ def _series():
 
 @pytest.mark.parametrize(
     "method",
-    [sp.ekf(), sp.srukf(), sp.cdkf(), sp.srckf(), sp.srghkf(), sp.augmented(sp.srcdkf()), sp.iterated(sp.srukf(), 3)],
+    [
+        sp.ekf(),
+        sp.srukf(),
+        pytest.param(sp.cdkf(), marks=pytest.mark.slow),
+        pytest.param(sp.srckf(), marks=pytest.mark.slow),
+        sp.srghkf(),
+        sp.augmented(sp.srcdkf()),
+        sp.iterated(sp.srukf(), 3),
+    ],
     ids=str,
 )
 @pytest.mark.parametrize("run", [pytest.param(sp.filter, marks=pytest.mark.slow), sp.smooth])

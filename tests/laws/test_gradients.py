@@ -53,7 +53,7 @@ POINTS = {
 
 
 # A belief of each kind with derivatives and with points, points in the noise, and an update that is repeated.
-SOME = ("ekf", "ukf", "srcdkf", "augmented", "iterated")
+SOME = ("ekf", "srcdkf", "augmented", "iterated")
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,14 @@ def test_every_method_is_the_kalman_filter_and_smoother(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "iterations"), [("ekf", 2), ("sr ekf", 5), ("ukf", 3), ("sr cdkf", 4), ("sr simplex_ukf", 2)]
+    ("name", "iterations"),
+    [
+        pytest.param("ekf", 2, marks=pytest.mark.slow),
+        ("sr ekf", 5),
+        ("ukf", 3),
+        ("sr cdkf", 4),
+        pytest.param("sr simplex_ukf", 2, marks=pytest.mark.slow),
+    ],
 )
 def test_iterating_an_update_counts_the_measurement_once(name, iterations):
     _check(name, 3, iterations)

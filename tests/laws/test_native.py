@@ -195,7 +195,9 @@ def test_one_row_through_posterior_linearization(in_parallel):
 
 
 @pytest.mark.parametrize(
-    "smoother", [sp.two_filter(), sp.fixed_lag(2), pytest.param(sp.ipls(2), marks=pytest.mark.slow)], ids=str
+    "smoother",
+    [sp.two_filter(), *(pytest.param(s, marks=pytest.mark.slow) for s in (sp.fixed_lag(2), sp.ipls(2)))],
+    ids=str,
 )
 def test_derivatives_of_what_looks_back_are_those_of_finite_differences(smoother):
     def last(q):

@@ -55,7 +55,7 @@ def _pendulum() -> sp.StateSpaceModel:
     )
 
 
-@pytest.mark.parametrize("method", [sp.srcdkf(), sp.ekf()])
+@pytest.mark.parametrize("method", [sp.srcdkf(), pytest.param(sp.ekf(), marks=pytest.mark.slow)])
 def test_parallel_is_sequential_on_a_nonlinear_model(method):
     model = _pendulum()
     y = sp.simulate(model, 21, key=jax.random.key(1))[1].at[10:14].set(jnp.nan)

@@ -115,7 +115,7 @@ def test_kill_and_resume(tmp_path, monkeypatch):
         jax.config.update("jax_enable_x64", True)
         training.SAVED_EVERY, epochs.LONGEST_CALL = 0.0, 20
         r = np.random.default_rng(0)
-        x = r.normal(size=(200, 2)); d = np.sin(x[:, 0]) * x[:, 1]
+        x = r.normal(size=(80, 2)); d = np.sin(x[:, 0]) * x[:, 1]
         w = eqx.nn.MLP(2, "scalar", 8, 1, activation=jnp.tanh, key=jax.random.key(0))
         g = lambda w, x: w(x)
         fit = sp.learn(g, w, x, d, noise=0.01, epochs=30, key=0, checkpoint=sys.argv[1] if len(sys.argv) > 2 else None,

@@ -17,7 +17,16 @@ def runs(method, count):
     return jax.vmap(lambda key: sp.filter(MODEL, Y, method=method, key=key, keep=("mean", "std")))(keys)
 
 
-SLOW = ("ekpf", "carried, its own noise", "fully adapted", "auxiliary upf", "moved upf", "Rao-Blackwellised")
+SLOW = (
+    "ekpf",
+    "carried, its own noise",
+    "fully adapted",
+    "auxiliary upf",
+    "moved upf",
+    "Rao-Blackwellised",
+    "auxiliary",
+    "moved",
+)
 
 
 @pytest.mark.parametrize("name", some(makes(1), SLOW))
