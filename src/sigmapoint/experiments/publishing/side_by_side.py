@@ -67,7 +67,7 @@ def side_by_side(
             for future in as_completed(futures):
                 yield futures[future], future.result
         except BaseException:  # an interrupt, or nobody asks for more
-            pool.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
                 child.terminate()
+            pool.shutdown(cancel_futures=True)
             raise
