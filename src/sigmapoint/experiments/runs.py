@@ -1,7 +1,11 @@
 """How many runs each method of an experiment gets: those that a claim compares get more."""
 
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+
+Found = TypeVar("Found")
 
 
 class Runs(NamedTuple):
@@ -21,3 +25,14 @@ class Runs(NamedTuple):
         """
         own = dict.fromkeys(compared, self.compared)
         return {name: given or (self.quick if quick else own.get(name, self.each)) for name in names}
+
+
+def alike(found: Mapping[str, Found]) -> dict[str, Found]:
+    """What was found by each method, arrays (runs, …), in the runs that all of them have."""
+    fewest = min(len(a) for one in found.values() for a in jax.tree.leaves(one))
+    return {name: first(one, fewest) for name, one in found.items()}
+
+
+def first(arrays: Any, runs: int) -> Any:
+    """The first so many runs."""
+    return jax.tree.map(lambda a: a[:runs], arrays)

@@ -35,7 +35,7 @@ from sigmapoint.experiments.publishing.results import (
     publish,
     row_of,
 )
-from sigmapoint.experiments.runs import Runs
+from sigmapoint.experiments.runs import Runs, alike, first
 from sigmapoint.problems.noisy_series import NOISE
 
 QUICK_EPOCHS, QUICK_SAMPLES = 2, 200
@@ -73,22 +73,18 @@ def run(task: Task, runs: int | None, seed: int, out: Path, quick: bool) -> list
     names, epochs = task.quick if quick else tuple(task.methods), QUICK_EPOCHS if quick else task.epochs
     compared = [name for pair in task.claims.values() for name in pair]
     counts = task.runs.of(names, compared, runs, quick)
-    most, fewest = (choose(counts.values()) for choose in (max, min))
     with jax.enable_x64(True):
-        series = task.series(most, QUICK_SAMPLES if quick else task.samples, jax.random.key(seed))
-        found = {
-            name: curve(task.methods[name], jax.tree.map(lambda a, count=count: a[:count], series), epochs)
-            for name, count in counts.items()
-        }
+        series = task.series(max(counts.values()), QUICK_SAMPLES if quick else task.samples, jax.random.key(seed))
+        found = {name: curve(task.methods[name], first(series, count), epochs) for name, count in counts.items()}
         reached = curve(known(sp.srukf()), series, 1)
     shown = task.shown if task.shown in found else next(iter(found))
     samples = series.clean.shape[1]
     pictures = [
         Picture(
             f"{task.name}-curves",
-            f"As Figure 7.13: error of the filtered series by epoch of {samples} samples, mean over the first {fewest} "
-            f"runs ± standard error; the noise itself has {NOISE:.2f}. Black: {REACHED}.",
-            curves({name: c.errors[:fewest] for name, c in found.items()}, mean_of(reached.errors[:, -1])),
+            f"As Figure 7.13: error of the filtered series by epoch of {samples} samples, mean over the same "
+            f"{min(counts.values())} runs ± standard error; the noise itself has {NOISE:.2f}. Black: {REACHED}.",
+            curves({name: c.errors for name, c in alike(found).items()}, mean_of(reached.errors[:, -1])),
         ),
         Picture(
             f"{task.name}-estimate",
@@ -136,10 +132,10 @@ def claimed(task: Task, found: Found) -> dict[str, Mean]:
 def rows(task: Task, found: Found, reached: Curve) -> list[Row]:
     """The numbers."""
     row = partial(row_of, task.name)
-    every = {**found, REACHED: reached}
+    same = alike({**found, REACHED: reached})
     return [
-        *(row("normalised MSE, last epoch", name, mean_of(c.errors[:, -1])) for name, c in every.items()),
-        *(row("normalised MSE, first epoch", name, mean_of(c.errors[:, 0])) for name, c in found.items()),
+        *(row("normalised MSE, last epoch", name, mean_of(c.errors[:, -1])) for name, c in same.items()),
+        *(row("normalised MSE, first epoch", name, mean_of(same[name].errors[:, 0])) for name in found),
         *(row("log10 of the ratio of normalised MSE, last epoch, on the same runs", what, mean)
           for what, mean in claimed(task, found).items()),
     ]  # fmt: skip
@@ -155,15 +151,15 @@ def claim(task: Task, found: Found) -> Claim:
 
 def findings(task: Task, found: Found, reached: Curve, samples: int) -> list[str]:
     """What became of the claim, in words."""
-    ends = ", ".join(f"{name} {_said(mean_of(c.errors[:, -1]))}" for name, c in found.items())
+    same = alike({**found, REACHED: reached})
+    ends = ", ".join(f"{name} {_said(mean_of(c.errors[:, -1]))}" for name, c in same.items())
     epochs = next(iter(found.values())).errors.shape[1]
     lost = {name: int(np.sum(~np.isfinite(c.errors[:, -1]))) for name, c in found.items()}
     return [
         "The paper shows curves and prints no numbers.",
         *(f'"Superior performance of the UKF": {what}: {decided(mean)} (log10 of the ratio: {_said(mean)}).'
           for what, mean in claimed(task, found).items()),
-        f"Normalised mean squared error in epoch {epochs} of {samples} samples: {ends}; {REACHED}: "
-        f"{_said(mean_of(reached.errors[:, -1]))}; the noise itself {NOISE:.2f}.",
+        f"Normalised mean squared error in epoch {epochs} of {samples} samples: {ends}; the noise itself {NOISE:.2f}.",
         *(f"{name}: {count} runs without an end are left out." for name, count in lost.items() if count),
     ]  # fmt: skip
 

@@ -32,7 +32,7 @@ from sigmapoint.experiments.publishing.results import (
     publish,
     row_of,
 )
-from sigmapoint.experiments.runs import Runs
+from sigmapoint.experiments.runs import Runs, alike
 from sigmapoint.learning.learner import Learner
 from sigmapoint.learning.state import LearnerState
 from sigmapoint.methods import Method
@@ -90,9 +90,9 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
         first = {name: learner(name).setup.parameters.tree(jnp.asarray(c.mean[0])) for name, c in found.items()}
         told = {"truth": truth} | {name: jnp.argmax(outputs(w, x), axis=1) for name, w in first.items()}
     regions = {name: np.asarray(labels).reshape(SIDE, SIDE) for name, labels in told.items()}
-    fewest = min(counts.values())
-    wrong = {name: 1 - c.test[:fewest, :, 0] for name, c in found.items()}
-    squares = {name: c.test[:fewest, :, 1] for name, c in found.items() if name in SQUARED}
+    same = alike(found)
+    wrong = {name: 1 - c.test[..., 0] for name, c in same.items()}
+    squares = {name: c.test[..., 1] for name, c in same.items() if name in SQUARED}
     costs = {name: wrong[name] for name in wrong if name not in squares or f"{name}, cross-entropy" in wrong}
     each = f"after each epoch of {POINTS} new points, mean over the same starts and points ± standard error"
     share = "share of the grid told wrong"
@@ -152,11 +152,11 @@ def rows(found: Mapping[str, Curves]) -> list[Row]:
     squared = [name for name in found if name in SQUARED]
     entropies = [name for name in found if name not in SQUARED]
     early = found["EKF"].test.shape[1] // 3
-    root = found["SR-UKF"].test[:, 0, 1]
-    apart = np.max(np.abs(root / found["UKF"].test[: len(root), 0, 1] - 1))
+    same = alike(found)
+    apart = np.max(np.abs(same["SR-UKF"].test[:, 0, 1] / same["UKF"].test[:, 0, 1] - 1))
 
     def after(epoch: int, score: int, name: str) -> Mean:
-        return mean_of(found[name].test[:, epoch - 1, score])
+        return mean_of(same[name].test[:, epoch - 1, score])
 
     return [
         *(_row("share of the grid told right, last epoch", name, after(0, 0, name), _said(name)) for name in found),
@@ -165,9 +165,9 @@ def rows(found: Mapping[str, Curves]) -> list[Row]:
         *(_row("gain over the EKF, mean over epochs", name, gain(found, name, "EKF")) for name in squared[1:]),
         *(_row("mean squared error per output, last epoch", name, after(0, 1, name)) for name in squared),
         *(_row("mean cross-entropy [nats], last epoch", name, after(0, 2, name)) for name in entropies),
-        *(_row("NIS per output in the last epoch", name, mean_of(c.nis[:, -1])) for name, c in found.items()),
+        *(_row("NIS per output in the last epoch", name, mean_of(c.nis[:, -1])) for name, c in same.items()),
         Row("four-regions", "largest difference between dense and square root, relative, first epoch", "SR-UKF", None,
-            float(apart), None, len(root), "of the squared error"),
+            float(apart), None, len(same["UKF"].test), "of the squared error"),
     ]  # fmt: skip
 
 
@@ -182,7 +182,7 @@ def claim(found: Mapping[str, Curves]) -> Claim:
 
 def findings(found: Mapping[str, Curves]) -> Sequence[str]:
     """What became of the papers' claims, in words."""
-    last = {name: mean_of(c.test[:, -1, 0]) for name, c in found.items()}
+    last = {name: mean_of(c.test[:, -1, 0]) for name, c in alike(found).items()}
     least = min(last, key=lambda name: last[name].value)
     missed = [name for name in last if not last[name].value >= WANTED]
     gains = (

@@ -35,7 +35,7 @@ from sigmapoint.experiments.publishing.results import (
     publish,
     row_of,
 )
-from sigmapoint.experiments.runs import Runs
+from sigmapoint.experiments.runs import Runs, alike
 from sigmapoint.learning.drift import Drift
 from sigmapoint.learning.learner import Learner
 from sigmapoint.methods import Method
@@ -81,13 +81,12 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
         counts = RUNS.of(METHODS, COMPARED, runs, quick)
         epochs, drifts = (QUICK_EPOCHS, {EXACT: DRIFTS[EXACT]}) if quick else (EPOCHS, DRIFTS)
         found = {name: trained(data, drift, counts, epochs, keys[1]) for name, drift in drifts.items()}
-    fewest = min(counts.values())
     caption = f"test set of {TEST} rows after each epoch of {TRAIN}, mean over the same starts ± standard error."
     pictures = [
         Picture(
             f"robot-arm-{name}",
             f"{name.capitalize()}: error on a {caption}",
-            learning({method: c.test[:fewest] for method, c in each.items()}, FLOOR, "mean squared error per output"),
+            learning({method: c.test for method, c in alike(each).items()}, FLOOR, "mean squared error per output"),
         )
         for name, each in found.items()
     ]
@@ -122,8 +121,8 @@ def learner(method: Method, drift: Drift) -> Learner:
 
 
 def last(found: dict[str, Curves]) -> dict[str, Mean]:
-    """Mean errors after the last epoch."""
-    return {name: mean_of(c.test[:, -1]) for name, c in found.items()}
+    """Mean errors after the last epoch, on the runs that all have."""
+    return {name: mean_of(c.test[:, -1]) for name, c in alike(found).items()}
 
 
 def rows(drift: str, found: dict[str, Curves]) -> list[Row]:
@@ -138,18 +137,18 @@ def rows(drift: str, found: dict[str, Curves]) -> list[Row]:
         if name != "EKF"
     ]
     nis = [
-        _row(f"{drift}: NIS per output in the last epoch", name, mean_of(c.nis[:, -1]), "") for name, c in found.items()
+        _row(f"{drift}: NIS per output in the last epoch", name, mean_of(c.nis[:, -1]), "")
+        for name, c in alike(found).items()
     ]
     return [*mse, *against, *nis]
 
 
 def apart(found: dict[str, Curves]) -> list[Row]:
     """How far a square root is from its dense form."""
-    first = {name: c.test[:, 0] for name, c in found.items()}
-    runs = {root: min(len(first[dense]), len(first[root])) for dense, root in PAIRS}
+    first = {name: c.test[:, 0] for name, c in alike(found).items()}
     return [
         Row("robot-arm", "largest difference between dense and square root, relative, first epoch", root, None,
-            float(np.max(np.abs(first[root][: runs[root]] / first[dense][: runs[root]] - 1))), None, runs[root])
+            float(np.max(np.abs(first[root] / first[dense] - 1))), None, len(first[root]))
         for dense, root in PAIRS
     ]  # fmt: skip
 
