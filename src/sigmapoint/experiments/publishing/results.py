@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from matplotlib.animation import Animation, PillowWriter
 from matplotlib.figure import Figure
+from scipy import stats
 
 from sigmapoint.experiments.publishing.page import Image, page
 from sigmapoint.storage import write_atomically
@@ -135,14 +136,26 @@ def mean_of(samples: np.ndarray) -> Mean:
 
 
 def ahead(found: np.ndarray, over: np.ndarray) -> Mean:
-    """How much more one has than the other, (runs,) each, on the runs that both have: the first ones."""
+    """How much more one has than the other, (runs,) each, on the runs that both have: the first ones.
+
+    NaN, which decides nothing, where a run was lost by one of them.
+    """
     runs = min(len(found), len(over))
-    return mean_of(found[:runs] - over[:runs])
+    found, over = found[:runs], over[:runs]
+    if (np.isfinite(found) != np.isfinite(over)).any():
+        return Mean(math.nan, math.nan, runs)
+    return mean_of(found - over)
 
 
 def positive(gain: Mean) -> bool | None:
-    """Whether this is, by three standard errors; None where that is not decided."""
-    return gain.value > 0 if abs(gain.value) > 3 * gain.spread else None
+    """Whether this is, as surely as three standard deviations of a Gaussian; None where that is not decided.
+
+    By Student's distribution: a spread that few runs estimate says less.
+    """
+    if gain.runs < 2:
+        return None
+    surely = float(stats.t.isf(stats.norm.sf(3.0), gain.runs - 1))
+    return gain.value > 0 if abs(gain.value) > surely * gain.spread else None
 
 
 def decided(gain: Mean) -> str:
