@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import signal, stats
 
 import sigmapoint as sp
 from sigmapoint.diagnosis.accuracy import errors
-from sigmapoint.diagnosis.consistency import consistency, normalised, row_band
+from sigmapoint.diagnosis.consistency import consistency, correlation_time, normalised, row_band
 from sigmapoint.diagnosis.diagnostics import diagnose
 from sigmapoint.diagnosis.verdict import gravest_first
 from sigmapoint.diagnosis.whiteness import LAGS, autocorrelation, quantiles
@@ -221,6 +221,32 @@ def test_with_truth_errors_are_judged_too(white):
     partly = truth.copy()
     partly[:, 1] = np.nan
     assert diagnose(made(white), partly).nees.degrees == T
+
+
+def test_the_correlation_time_of_an_autoregression_is_that_of_its_formula():
+    noise = np.random.default_rng(0).normal(size=200_000)
+    for rho in (0.0, 0.5, 0.9):
+        series = signal.lfilter([1.0], [1.0, -rho], noise)
+        np.testing.assert_allclose(correlation_time(series), (1 + rho) / (1 - rho), rtol=0.1)
+    assert correlation_time(np.zeros(3)) == 1.0
+
+
+def test_errors_that_stay_are_no_false_alarm_and_too_narrow_bars_are_told():
+    """A level that moves slowly against a noisy sensor: its errors are correlated over dozens of rows."""
+    model = sp.StateSpaceModel(
+        lambda x, u: 0.999 * x,
+        lambda x, u: x,
+        1e-5 * jnp.eye(1),
+        2.5e-3 * jnp.eye(1),
+        sp.Gaussian(jnp.ones(1), 0.01 * jnp.eye(1)),
+    )
+    x, y = jax.vmap(lambda key: sp.simulate(model, 300, key=key))(jax.random.split(jax.random.key(0), 40))
+    posts = [sp.filter(model, one) for one in y]
+    found = [diagnose(post, true) for post, true in zip(posts, x)]
+    outside = [not d.nees.band[0] <= d.nees.mean <= d.nees.band[1] for d in found]
+    assert sum(outside) <= 6  # 2 of 40 expected
+    sure = dataclasses.replace(posts[0], cov=posts[0].cov / 6)
+    assert said(diagnose(sure, x[0]), "overconfident about the states")
 
 
 def test_a_bias_within_two_standard_deviations_is_not_called_good_without_a_word(white):

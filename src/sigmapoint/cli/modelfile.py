@@ -91,7 +91,9 @@ def _time(names: Mapping[str, Any], path: Path) -> str | None:
 def _model(names: Mapping[str, Any], path: Path, u: dict[str, np.ndarray], clock: data.Clock) -> StateSpaceModel:
     if ("model" in names) == ("build" in names):
         found = "both" if "model" in names else "neither"
-        raise InputError(f"{path} must define either `model` or `build(u, time)`; it has {found}")
+        raise InputError(
+            f"{path} must define either `model` or `build(u, time)`; it has {found}; helpers need other names"
+        )
     with blaming(path):
         model = names["model"] if "model" in names else names["build"](u, clock.numbers)
     if not isinstance(model, StateSpaceModel):

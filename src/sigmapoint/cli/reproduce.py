@@ -66,6 +66,9 @@ def reproduce(
         return
     if every and name is not None:
         raise InputError(f"give {name} or --all, not both")
+    if jobs is not None and not every:
+        raise InputError("--jobs goes with --all: a single experiment is one process")
+    folder(out)
     chosen = list(EXPERIMENTS) if every else [_known(name, list(EXPERIMENTS))]
     takers = _takers(data, chosen, {e.name: e.data for e in EXPERIMENTS.values()})
     folders = {experiment: folder(out / experiment) for experiment in chosen}

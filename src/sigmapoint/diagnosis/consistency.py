@@ -37,7 +37,7 @@ class Consistency(NamedTuple):
 
     mean: float
     band: tuple[float, float]
-    """95 % of the means of independent rows"""
+    """95 % of such means; of NEES, by how long errors are correlated"""
     median: float
     """of the rows, as a multiple of its expectation: a mean above with a median below 1 is a few large values"""
     inside: float
@@ -98,8 +98,13 @@ def row_band(degrees: Int[np.ndarray, "T"]) -> tuple[Float[np.ndarray, "T"], Flo
     return low, high
 
 
-def consistency(squared: Float[np.ndarray, "T"], degrees: Int[np.ndarray, "T"]) -> Consistency:
-    """Judge normalised squares against χ²; rows with no degrees of freedom, or not finite, are left out."""
+def consistency(
+    squared: Float[np.ndarray, "T"], degrees: Int[np.ndarray, "T"], *, correlated: bool = False
+) -> Consistency:
+    """Judge normalised squares against χ²; rows with no degrees of freedom, or not finite, are left out.
+
+    Rows that are `correlated`, as errors of a state are, count as so many fewer.
+    """
     used = (degrees > 0) & np.isfinite(squared)
     squared, degrees = squared[used].astype(float), degrees[used]
     total = int(degrees.sum())
@@ -107,7 +112,8 @@ def consistency(squared: Float[np.ndarray, "T"], degrees: Int[np.ndarray, "T"]) 
         nan = float("nan")
         return Consistency(nan, (nan, nan), nan, nan, 0, 0)
     low, high = row_band(degrees)
-    spread = [float(_quantile(level, np.array([total]))[0]) / total for level in LEVEL]
+    independent = total / (correlation_time(squared / degrees - 1.0) if correlated else 1.0)
+    spread = [float(_quantile(level, np.array([independent]))[0]) / independent for level in LEVEL]
     return Consistency(
         mean=float(squared.sum() / total),
         band=(spread[0], spread[1]),
@@ -118,7 +124,22 @@ def consistency(squared: Float[np.ndarray, "T"], degrees: Int[np.ndarray, "T"]) 
     )
 
 
+def correlation_time(x: Float[np.ndarray, "T"]) -> float:
+    """How many rows of a series around zero say as much about its mean as one that is independent.
+
+    1 + 2 Σ ρₖ up to the first pair of correlations that is not positive (Geyer, Statistical Science 7, 1992).
+    """
+    T = len(x)
+    spectrum = np.abs(np.fft.rfft(x, 2 * T)) ** 2
+    covariance = np.fft.irfft(spectrum)[:T]
+    if not covariance[0] > 0:
+        return 1.0
+    pairs = (covariance[: T - T % 2] / covariance[0]).reshape(-1, 2).sum(1)
+    positive = np.cumprod(pairs > 0).astype(bool)
+    return float(np.clip(2 * pairs[positive].sum() - 1, 1.0, T))
+
+
 def _quantile(level: float, degrees: np.ndarray) -> np.ndarray:
     chi2 = checks.extra("scipy.stats", "a χ² band").chi2
     distinct, where = np.unique(degrees, return_inverse=True)
-    return np.where(distinct > 0, chi2.ppf(level, np.maximum(distinct, 1)), np.nan)[where]
+    return np.where(distinct > 0, chi2.ppf(level, np.where(distinct > 0, distinct, 1)), np.nan)[where]

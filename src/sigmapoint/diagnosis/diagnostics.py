@@ -5,7 +5,8 @@ unrelated to the inputs (`whiteness`); are errors as large as it says, where the
 what does all that mean (`verdicts`).
 
 Innovations of a consistent filter are white, so the band of the mean NIS holds; if they are correlated in time the mean
-scatters more than its band says. Errors are *always* correlated in time: the band of the mean NEES is a guide.
+scatters more than its band says. Errors are *always* correlated in time: the band of the mean NEES counts
+as many rows as are independent, by their own correlations.
 """
 
 from textwrap import fill
@@ -116,4 +117,4 @@ def _wide(post: Posterior) -> dict[str, float]:
 def _against(post: Posterior, truth: Any) -> tuple[Consistency, tuple[Coverage, ...]]:
     found = errors(post, truth)
     normal = normalised(found.value, field(post, "cov"))
-    return consistency(normal.squared, normal.degrees), found.each()
+    return consistency(normal.squared, normal.degrees, correlated=True), found.each()

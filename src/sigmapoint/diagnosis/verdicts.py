@@ -42,7 +42,7 @@ def of(
     few: float,
 ) -> tuple[Verdict, ...]:
     """Every verdict of a diagnosis, the question of consistency first."""
-    said = [*_few(few), *_lost(lost), *_wide(wide), *_samples(nis)]
+    said = [*_few(few), *_lost(lost), *_wide(wide), *([] if lost and not nis.rows else _samples(nis))]
     if nees is not None and nees.rows:
         said += _contradiction(nis, nees)  # before the two that it reconciles
     if nis.rows:
@@ -72,7 +72,8 @@ def _lost(lost: int) -> list[Verdict]:
         return []
     text = (
         f"The filter broke down: {lost} measured sample(s) have no finite innovation. Look for a model that returns "
-        "NaN or infinity outside its range, and try a square-root method or a wider initial covariance."
+        "NaN or infinity outside its range (sigma points go where no state is: guard sqrt, log and divisions), and for "
+        "a first belief too far off."
     )
     return [Verdict("bad", text)]
 
