@@ -18,7 +18,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 IMAGES = DOCS / "images" / "gallery"
 WIDE = 1000
 """[pixels] no wider than this"""
-COLOURS = 64
+COLOURS = 256
 
 
 def main(out: Path) -> None:
@@ -33,7 +33,7 @@ def main(out: Path) -> None:
         "",
         "Every experiment of the papers, and a few of ours, each from one command. `sigmapoint reproduce --all` runs",
         "them and leaves an index with published beside measured numbers; `sigmapoint reproduce NAME` runs one and",
-        f"leaves a page with its tables and figures. This is the run of {day} ({versions}):",
+        f"leaves a page with its tables and figures. These are runs up to {day} ({versions}):",
         f"{held} of {len(done)} claims were reproduced. Numbers come with their standard errors, and what was not",
         "reproduced says why.",
         "",

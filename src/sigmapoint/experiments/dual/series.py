@@ -77,6 +77,7 @@ def run(task: Task, runs: int | None, seed: int, out: Path, quick: bool) -> list
         series = task.series(max(counts.values()), QUICK_SAMPLES if quick else task.samples, jax.random.key(seed))
         found = {name: curve(task.methods[name], first(series, count), epochs) for name, count in counts.items()}
         reached = curve(known(sp.srukf()), series, 1)
+    same = alike({**found, REACHED: reached})
     shown = task.shown if task.shown in found else next(iter(found))
     samples = series.clean.shape[1]
     pictures = [
@@ -84,7 +85,7 @@ def run(task: Task, runs: int | None, seed: int, out: Path, quick: bool) -> list
             f"{task.name}-curves",
             f"As Figure 7.13: error of the filtered series by epoch of {samples} samples, mean over the same "
             f"{min(counts.values())} runs ± standard error; the noise itself has {NOISE:.2f}. Black: {REACHED}.",
-            curves({name: c.errors for name, c in alike(found).items()}, mean_of(reached.errors[:, -1])),
+            curves({name: same[name].errors for name in found}, mean_of(same[REACHED].errors[:, -1])),
         ),
         Picture(
             f"{task.name}-estimate",
@@ -96,8 +97,8 @@ def run(task: Task, runs: int | None, seed: int, out: Path, quick: bool) -> list
         out,
         task.title,
         claim(task, found),
-        findings(task, found, reached, samples),
-        rows(task, found, reached),
+        findings(task, found, same, samples),
+        rows(task, found, same),
         pictures,
     )
 
@@ -129,10 +130,9 @@ def claimed(task: Task, found: Found) -> dict[str, Mean]:
     }
 
 
-def rows(task: Task, found: Found, reached: Curve) -> list[Row]:
-    """The numbers."""
+def rows(task: Task, found: Found, same: Found) -> list[Row]:
+    """The numbers: means over the runs that are the same for all, differences over all that two methods share."""
     row = partial(row_of, task.name)
-    same = alike({**found, REACHED: reached})
     return [
         *(row("normalised MSE, last epoch", name, mean_of(c.errors[:, -1])) for name, c in same.items()),
         *(row("normalised MSE, first epoch", name, mean_of(same[name].errors[:, 0])) for name in found),
@@ -149,9 +149,8 @@ def claim(task: Task, found: Found) -> Claim:
     )
 
 
-def findings(task: Task, found: Found, reached: Curve, samples: int) -> list[str]:
+def findings(task: Task, found: Found, same: Found, samples: int) -> list[str]:
     """What became of the claim, in words."""
-    same = alike({**found, REACHED: reached})
     ends = ", ".join(f"{name} {_said(mean_of(c.errors[:, -1]))}" for name, c in same.items())
     epochs = next(iter(found.values())).errors.shape[1]
     lost = {name: int(np.sum(~np.isfinite(c.errors[:, -1]))) for name, c in found.items()}
