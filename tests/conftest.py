@@ -6,6 +6,7 @@ from pathlib import Path
 # Most programs here run once: compile fast. The native forms of small arrays have tests of their own.
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
 os.environ.setdefault("SIGMAPOINT_NATIVE", "0")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads of several workers wait for each other
 os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "false"  # the command line would use that of the user
 
 import jax

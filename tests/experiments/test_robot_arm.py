@@ -42,6 +42,7 @@ def test_a_quick_run_learns_and_is_written(tmp_path):
     rows = EXPERIMENTS["robot-arm"].run(None, 0, tmp_path, True)
     assert json.loads((tmp_path / "results.json").read_text()) == rows
     assert (tmp_path / "robot-arm-forgetting.png").exists()
+    assert (tmp_path / "robot-arm-annealed.png").exists()
     measured = {(row["quantity"], row["method"]): row["measured"] for row in rows}
     for name in experiment.METHODS:
         assert measured["forgetting: test MSE per output after the last epoch", name] < (

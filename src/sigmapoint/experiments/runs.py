@@ -5,6 +5,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import jax
 
+Name = TypeVar("Name")
 Found = TypeVar("Found")
 
 
@@ -27,7 +28,7 @@ class Runs(NamedTuple):
         return {name: given or (self.quick if quick else own.get(name, self.each)) for name in names}
 
 
-def alike(found: Mapping[str, Found]) -> dict[str, Found]:
+def alike(found: Mapping[Name, Found]) -> dict[Name, Found]:
     """What was found by each method, arrays (runs, …), in the runs that all of them have."""
     fewest = min(len(a) for one in found.values() for a in jax.tree.leaves(one))
     return {name: first(one, fewest) for name, one in found.items()}

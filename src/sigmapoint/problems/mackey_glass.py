@@ -20,6 +20,10 @@ from jaxtyping import Array, Float
 DELAY, SAMPLING = 30.0, 6.0
 """[s]"""
 START = 0.9
+LEAST, MOST = 0.5, 1.2
+"""of other starts"""
+TRANSIENT = 100
+"""samples until a start is forgotten, to what matters"""
 STEPS = 60
 """Steps between two samples, of 0.1 s each."""
 GROWTH, DECAY, POWER = 0.2, 0.1, 10
@@ -49,6 +53,12 @@ def series(samples: int, start: float | Float[Array, ""] = START, steps: int = S
     # From t − 30 s to t, every half step.
     past = jnp.full(half_steps + 1, start, jnp.result_type(float))
     return jax.lax.scan(sample, past, None, samples)[1]
+
+
+def drawn(samples: int, key: Array) -> Float[Array, " T"]:
+    """Samples of a solution from another start, not normalised."""
+    start = jax.random.uniform(key, (), minval=LEAST, maxval=MOST)
+    return series(TRANSIENT + samples, start)[TRANSIENT:]
 
 
 def _advanced(x: Array, delayed: Float[Array, " 3"], h: float) -> tuple[Array, Array]:

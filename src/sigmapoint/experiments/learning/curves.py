@@ -1,4 +1,4 @@
-"""Learning curves: one function trained from many starts, in epochs, with a score on a test set after each."""
+"""Learning curves: one function trained many times, in epochs, with a score on a test set after each."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -17,6 +17,15 @@ Score = Callable[[Learner, LearnerState, Any], Array]
 """of a state on a test set: a number, or several"""
 
 
+class Lessons(NamedTuple):
+    """What each run starts from, is taught and is tested on; a leading axis of runs."""
+
+    start: Float[Array, "R L"]
+    order: Int[Array, "R E N"]
+    """Rows of the training pairs; −1 stands for none."""
+    test: Any
+
+
 class Curves(NamedTuple):
     """One row a run, one column an epoch."""
 
@@ -33,22 +42,16 @@ def squared_error(learner: Learner, state: LearnerState, test: tuple[Any, Array]
     return jnp.mean((learner.setup.values(state.mean, test[0]) - test[1]) ** 2)
 
 
-def curves(
-    learner: Learner,
-    starts: Float[Array, "R L"],
-    train: tuple[Any, Any],
-    orders: Int[Array, "R E N"],
-    test: Any,
-    score: Score = squared_error,
-) -> Curves:
-    """Train from every start, each in its own order of the training pairs; −1 stands for none."""
-    return Curves(*map(np.asarray, _curves(learner, starts, learner.setup.checked(*train), orders, test, score)))
+def curves(learner: Learner, lessons: Lessons, train: tuple[Any, Any], score: Score = squared_error) -> Curves:
+    """Train every run on its rows of the training pairs, in their order."""
+    return Curves(*map(np.asarray, _curves(learner, lessons, learner.setup.checked(*train), score)))
 
 
-def orders(runs: int, epochs: int, rows: int, key: Array) -> Int[Array, "R E N"]:
-    """An order of the training pairs for every run and epoch."""
+def shuffled(runs: int, epochs: int, rows: int, key: Array) -> Int[Array, "R E N"]:
+    """An order for every run and epoch, of pairs that each run has of its own: the first so many rows, the next, …"""
     keys = jax.random.split(key, (runs, epochs))
-    return jax.vmap(jax.vmap(lambda k: jax.random.permutation(k, rows)))(keys)
+    order = jax.vmap(jax.vmap(lambda k: jax.random.permutation(k, rows)))(keys)
+    return order + rows * jnp.arange(runs)[:, None, None]
 
 
 def once(runs: int, epochs: int, rows: int) -> Int[Array, "R E N"]:
@@ -56,13 +59,23 @@ def once(runs: int, epochs: int, rows: int) -> Int[Array, "R E N"]:
     return jnp.arange(runs * epochs * rows).reshape(runs, epochs, rows)
 
 
-@eqx.filter_jit
-def _curves(
-    learner: Learner, starts: Array, train: Any, orders: Array, test: Any, score: Score
-) -> tuple[Array, Array, Array]:
-    def run(given: tuple[Array, Array]) -> tuple[Array, Array, Array]:
-        mean, order = given
+def for_each(runs: int, test: Any) -> Any:
+    """One test set for all runs."""
+    return jax.tree.map(lambda a: jnp.broadcast_to(a, (runs, *a.shape)), test)
 
+
+def pooled(pairs: tuple[Array, Array], rows: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Pairs of each run (runs, …), split: the first rows for training, those of all runs in line; the others, run by
+    run, for its test."""
+    return (
+        jax.tree.map(lambda a: a[:, :rows].reshape(-1, *a.shape[2:]), pairs),
+        jax.tree.map(lambda a: a[:, rows:], pairs),
+    )
+
+
+@eqx.filter_jit
+def _curves(learner: Learner, lessons: Lessons, train: Any, score: Score) -> tuple[Array, Array, Array]:
+    def run(given: Lessons) -> tuple[Array, Array, Array]:
         def epoch(state: Any, rows: Array) -> Any:
             def learned(state: Any, row: Array) -> Any:
                 state, info = updated(learner.setup, state, *jax.tree.map(lambda a: a[row][None], train))
@@ -72,9 +85,10 @@ def _curves(
                 return jax.lax.cond(row < 0, lambda s, _: (s, jnp.zeros_like(s.mean[0])), learned, state, row)
 
             state, nis = jax.lax.scan(step, state, rows)
-            return state, (score(learner, state, test), nis.mean(where=rows >= 0))
+            return state, (score(learner, state, given.test), nis.mean(where=rows >= 0))
 
-        state, (test_scores, nis) = jax.lax.scan(epoch, learner.init()._replace(mean=mean), order)
+        first = learner.init()._replace(mean=given.start)
+        state, (test_scores, nis) = jax.lax.scan(epoch, first, given.order)
         return test_scores, nis, state.mean
 
-    return jax.lax.map(run, (starts, orders))
+    return jax.lax.map(run, lessons)

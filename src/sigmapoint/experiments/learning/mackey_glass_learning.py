@@ -11,23 +11,15 @@ all; from prior deviations of 1, tried with fixed and forgetting, the first epoc
 from pathlib import Path
 from typing import Any
 
-from jaxtyping import Array, Float
-
 import sigmapoint as sp
 from sigmapoint.experiments.learning import noise_schedules
 from sigmapoint.experiments.learning.noise_schedules import ROBBINS_MONRO, Task
 from sigmapoint.problems import mackey_glass
 
-
-def series(samples: int, key: Array) -> Float[Array, " T"]:
-    """The series of the recipe, the same for every key."""
-    return mackey_glass.series(samples)
-
-
 TASK = Task(
     name="mackey-glass-learning",
     title="Mackey-Glass series: a 6-10-1 network trained by Kalman filters, four choices of process noise",
-    series=series,
+    series=mackey_glass.drawn,
     sizes=(6, 10, 1),
     noise=1e-3,
     prior_std=0.3,

@@ -1,6 +1,7 @@
 """Runs of estimating two frequencies with their motion: random motions and starts, one program a method."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -10,11 +11,13 @@ from jaxtyping import Array, Float
 
 import sigmapoint as sp
 from sigmapoint.methods import Method
+from sigmapoint.model import StateSpaceModel
 from sigmapoint.problems import masses
 
 STEPS = 200
 DRIFT = 1e-8
 """variance gained in a step, of that of the prior"""
+KEPT = ("mean", "std")
 CLOSE = 0.01
 """of the true frequency"""
 
@@ -34,6 +37,15 @@ class Case(NamedTuple):
         """In words."""
         start = ", from rest" if self.rest else ""
         return f"{self.rate:g} × Nyquist, starts ±{100 * self.prior:g} %{start}"
+
+
+class Way(NamedTuple):
+    """A filter."""
+
+    method: Method
+    note: str = ""
+    truncated: bool = False
+    """whether its transition matrix is `truncated`, in place of that of the motion itself"""
 
 
 class Found(NamedTuple):
@@ -75,7 +87,7 @@ def draw(runs: int, key: Array) -> Drawn:
     )
 
 
-def estimator(method: Method) -> Callable[[Case, Drawn], Found]:
+def estimator(way: Way) -> Callable[[Case, Drawn], Found]:
     """All runs of a case, by one program for all cases."""
 
     def one(rate: Array, prior: Array, moving: Array, drawn: Drawn) -> Any:
@@ -86,8 +98,12 @@ def estimator(method: Method) -> Callable[[Case, Drawn], Found]:
         first = truth * jnp.exp(prior * drawn.start)
         unknown = masses.Start(jnp.zeros(4), scale)
         theta = sp.positive(first, prior * first)
-        model = sp.joint(lambda omega: masses.model(omega, dt, unknown), theta, drift=DRIFT)
-        found = sp.estimates(theta, sp.filter(model, y, method=method, keep=("mean", "std")))
+
+        def model(dt: Array) -> StateSpaceModel:
+            return sp.joint(lambda omega: masses.model(omega, dt, unknown), theta, drift=DRIFT)
+
+        run = sp.filter(truncated(model, dt) if way.truncated else model(dt), y, method=way.method, keep=KEPT)
+        found = sp.estimates(theta, run)
         return Found(found.value, found.low, found.high)
 
     program = jax.jit(jax.vmap(one, (None, None, None, 0)))
@@ -97,6 +113,20 @@ def estimator(method: Method) -> Callable[[Case, Drawn], Found]:
         return jax.tree.map(np.asarray, program(*map(jnp.asarray, given), drawn))
 
     return estimate
+
+
+def truncated(model: Callable[[Array], StateSpaceModel], dt: Float[Array, ""]) -> StateSpaceModel:
+    """A model that tells extended filters the first two terms of its transition's Jacobian, I + Δt ∂ẋ/∂x.
+
+    Args:
+        model: by its time step.
+        dt: that to be taken.
+    """
+
+    def rate(x: Array) -> Array:
+        return jax.jvp(lambda t: model(t).dynamics(x, None), (jnp.zeros_like(dt),), (jnp.ones_like(dt),))[1]
+
+    return replace(model(dt), dynamics_jacobian=lambda x, u: jnp.eye(len(x)) + dt * jax.jacfwd(rate)(x))
 
 
 def simulated(x: Float[Array, "4"], dt: Float[Array, ""], key: Array) -> Float[Array, "T 2"]:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import sigmapoint as sp
-from sigmapoint.experiments.learning.curves import curves, squared_error
+from sigmapoint.experiments.learning.curves import Lessons, curves, for_each, squared_error
 from sigmapoint.learning.drift import Drift
 from sigmapoint.learning.learner import Learner, LearnerState
 from sigmapoint.methods import Method
@@ -80,7 +80,7 @@ def learned(way: Way, setting: Setting, runs: int, falls: Falls, test: tuple[Arr
     learner = sp.learner(function, jnp.zeros(5), noise=noise**2, method=way.method, drift=drift, prior_std=prior)
     train = falls.before.reshape(-1, 7), falls.after.reshape(-1, 6)
     order = jnp.where(falls.there.ravel(), jnp.arange(len(train[0])), -1).reshape(runs, -1, LONGEST)
-    scores = curves(learner, jnp.zeros((runs, 5)), train, order, test, _score).test
+    scores = curves(learner, Lessons(jnp.zeros((runs, 5)), order, for_each(runs, test)), train, _score).test
     return Learned(scores[:, :, 0], np.asarray(way.decoded(scores[:, :, 1:])))
 
 
