@@ -1,5 +1,6 @@
 """The result of a filter or smoother."""
 
+import warnings
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -109,8 +110,16 @@ class Posterior(eqx.Module):
 
     @classmethod
     def of(cls, model: Any, y: Array, u: Any, kept: dict[str, Any]) -> Any:
-        """From what a run kept."""
+        """From what a run kept; a warning where it broke down."""
         labels = Labels.of(model, y.shape[-1])
+        total = kept["log_likelihood"]
+        if known(total) and (broken := np.isnan(np.asarray(total))).any():
+            which = f" of series {int(broken.argmax())}" if broken.ndim else ""
+            warnings.warn(
+                f"the log-likelihood{which} is not a number: the model gave NaN or infinity, or the filter broke down. "
+                "print(sp.diagnose(post)) says how many samples it lost, and where to look",
+                stacklevel=3,
+            )
         fields = {name: kept.get(name) for name in (*cls.FIELDS, *cls.ALWAYS)}
         return cls(**fields, log_likelihood=kept["log_likelihood"], y=y, u=u, labels=labels)
 

@@ -21,7 +21,8 @@ from sigmapoint.cli import app, modelfile, output
 from sigmapoint.cli.expressions import parse_method, parse_methods
 from sigmapoint.experiments.publishing.results import Claim, Row, publish
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
 MODEL = """
 import jax.numpy as jnp
 import sigmapoint as sp
@@ -469,3 +470,15 @@ def test_reproduce_names_the_experiments_where_none_or_another_is_given(experime
     assert "give toy or --all, not both" in message("reproduce", "toy", "--all")
     assert "Did you mean toy?" in message("reproduce", "tog")
     assert message("reproduce", "toy", "--runs", 0)
+
+
+def test_the_tank_of_the_documentation_runs_and_finds_its_leak(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "tutorials" / "commandline.md").read_text("utf-8")
+    model, log = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    Path("tank.py").write_text(model)
+    exec(compile(f"{model}\n{log}", "page", "exec"), {"__name__": "page"})
+    invoke("run", "tank.py", "tank.csv", "--method", "srukf", "--smooth", "--out", "out")
+    assert {path.name for path in Path("out").iterdir()} == FILES
+    last, true = pd.read_parquet("out/estimates.parquet").iloc[-1], pd.read_csv("tank.csv").iloc[-1]
+    assert abs(last["leak"] - true["true leak [1/s]"]) < 3 * last["leak std"]

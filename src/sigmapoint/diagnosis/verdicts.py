@@ -42,10 +42,11 @@ def of(
     few: float,
 ) -> tuple[Verdict, ...]:
     """Every verdict of a diagnosis, the question of consistency first."""
-    said = [*_few(few), *_lost(lost), *_wide(wide), *([] if lost and not nis.rows else _samples(nis))]
+    lost_most = lost > 0 and nis.rows < FEW  # then what is left says nothing of the filter
+    said = [*_few(few), *_lost(lost), *_wide(wide), *([] if lost_most else _samples(nis))]
     if nees is not None and nees.rows:
         said += _contradiction(nis, nees)  # before the two that it reconciles
-    if nis.rows:
+    if nis.rows and not lost_most:
         said += [_consistent(nis, *NIS), *_whiteness(elements)]
         said += [v for e in elements if e.samples >= FEW for v in (*_bias(e), *_tails(e), *_inputs(e))]
     if nees is not None and nees.rows:

@@ -4,7 +4,8 @@ Joint filters have 87 states here; theirs are the dense forms, which give what t
 thirtieth of the time. Of the unscented one there are two: its points √3 deviations out, as those of the
 central-difference filter, and √87. For the time that the dual filters take (7 to 9 ms a sample), the series has 200
 samples and is taken six times; and no EM, which is with the smaller network. Where weights are known, they are those of
-a network trained on the clean series before.
+a network trained on a clean series. The first 40 runs had gains of 0.08 ± 0.05 (dual) and 0.12 ± 0.04 (joint): of 160,
+the spread is half that.
 """
 
 from pathlib import Path
@@ -47,7 +48,7 @@ TASK = Task(
     name="dual-mackey-glass",
     title="The Mackey-Glass series and a 6-10-1 network, from the noisy series alone",
     series=series,
-    runs=Runs(each=10, compared=40, quick=2),
+    runs=Runs(each=10, compared=160, quick=2),
     samples=200,
     epochs=6,
     methods={

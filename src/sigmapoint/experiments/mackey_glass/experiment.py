@@ -26,6 +26,7 @@ from sigmapoint.experiments.publishing.results import (
     Mean,
     Picture,
     Row,
+    ahead,
     decided,
     mean_of,
     plus_minus,
@@ -85,7 +86,7 @@ class Found(NamedTuple):
 
     def gain(self, worse: str, better: str) -> Mean:
         """How much lower one error is than another, run by run."""
-        return mean_of(self.errors(worse) - self.errors(better))
+        return ahead(self.errors(worse), self.errors(better))
 
 
 def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, Any]]:

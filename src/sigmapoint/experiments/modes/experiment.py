@@ -30,6 +30,7 @@ from sigmapoint.experiments.publishing.results import (
     Mean,
     Picture,
     Row,
+    ahead,
     decided,
     mean_of,
     plus_minus,
@@ -123,13 +124,13 @@ def mirrored(case: Case, found: Found) -> Mean:
 
 def gain(by: Mapping[str, Found], over: str) -> Mean:
     """How many more runs the UKF brings within 1 % of both."""
-    return mean_of(by["UKF"].both - by[over].both)
+    return ahead(by["UKF"].both, by[over].both)
 
 
 def closer(found: Results) -> Mean:
     """How much less the UKF is ahead of the truncated EKF with fast sampling than at Nyquist, in shares of runs."""
     apart = {case: found[case]["UKF"].both - found[case][TRUNCATED].both for case in (NYQUIST, FAST)}
-    return mean_of(apart[NYQUIST] - apart[FAST])
+    return ahead(apart[NYQUIST], apart[FAST])
 
 
 def accuracy(found: Found) -> Mean:

@@ -25,7 +25,7 @@ import sigmapoint as sp
 from sigmapoint.experiments.learning.figures import learning
 from sigmapoint.experiments.pendulum_parameters.figures import estimates, factors
 from sigmapoint.experiments.pendulum_parameters.learning import MASSES, Learned, Setting, Way, learned, tested
-from sigmapoint.experiments.publishing.results import Claim, Picture, Row, mean_of, plus_minus, positive, publish
+from sigmapoint.experiments.publishing.results import Claim, Picture, Row, ahead, mean_of, plus_minus, positive, publish
 from sigmapoint.problems.pendulum import TRUTH, Parameters
 from sigmapoint.problems.pendulum_falls import drawn
 
@@ -136,7 +136,7 @@ def _row(quantity: str, name: str, samples: np.ndarray, note: str, published: fl
 def claim(found: dict[str, Case]) -> Claim:
     """That of the paper, which has one run of each."""
     free = found[FREE]
-    nearer = mean_of(free["EKF"].worst - free["UKF"].worst)
+    nearer = ahead(free["EKF"].worst, free["UKF"].worst)
     parts: dict[str, bool | None] = {
         f"the UKF's largest error is smaller by {plus_minus(nearer)} %": positive(nearer),
     }

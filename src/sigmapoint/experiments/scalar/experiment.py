@@ -28,6 +28,7 @@ from sigmapoint.experiments.publishing.results import (
     Mean,
     Picture,
     Row,
+    ahead,
     mean_of,
     plus_minus,
     positive,
@@ -126,7 +127,7 @@ def score(x: np.ndarray, mean: np.ndarray, std: np.ndarray) -> Scores:
 
 def compared(scores: Scores, reference: Scores) -> tuple[Mean, Mean]:
     """Paired differences of RMSE and of the share within bounds."""
-    return mean_of(scores.rmse - reference.rmse), mean_of(scores.within - reference.within)
+    return ahead(scores.rmse, reference.rmse), ahead(scores.within, reference.within)
 
 
 def absolute(scores: dict[str, Scores]) -> list[Row]:

@@ -30,6 +30,7 @@ from sigmapoint.experiments.publishing.results import (
     Mean,
     Picture,
     Row,
+    ahead,
     decided,
     mean_of,
     plus_minus,
@@ -184,7 +185,7 @@ def rows_of(task: Task, found: Errors) -> list[Row]:
 
 def gain(found: Errors, worse: tuple[str, str], better: tuple[str, str]) -> Mean:
     """How much lower one error is than another, run by run."""
-    return mean_of(found[worse[0]][worse[1]] - found[better[0]][better[1]])
+    return ahead(found[worse[0]][worse[1]], found[better[0]][better[1]])
 
 
 CLAIMS = {

@@ -25,6 +25,7 @@ from sigmapoint.experiments.publishing.results import (
     Mean,
     Picture,
     Row,
+    ahead,
     decided,
     mean_of,
     positive,
@@ -115,10 +116,10 @@ def rows(results: Results, notes: Mapping[str, str]) -> list[Row]:
           for quantity, field in quantities.items() for name, one in results.items()),
         *(_row("logarithm of the likelihood of a flight's heights", name, mean_of(one.log_likelihood))
           for name, one in seen.items()),
-        *(_row(f"error of the {late} minus that on the same flights, m", name, mean_of(results[late].late - one.late))
+        *(_row(f"error of the {late} minus that on the same flights, m", name, ahead(results[late].late, one.late))
           for name, one in drawn.items()),
         *(_row(f"logarithm of the density minus that of the {known} on the same flights", name,
-               mean_of(one.known - results[known].known)) for name, one in drawn.items()),
+               ahead(one.known, results[known].known)) for name, one in drawn.items()),
     ]  # fmt: skip
 
 
@@ -137,7 +138,7 @@ def claim(results: Results) -> Claim:
     """Ours: the papers have no such problem."""
     late = best(results, "late")
     sums = [name for name in results if name.startswith(("GSPF", "GMSPPF"))]
-    gains = {name: mean_of(results[late].late - results[name].late) for name in sums}
+    gains = {name: ahead(results[late].late, results[name].late) for name in sums}
     return Claim(
         "(ours) where a belief has several modes, Gaussian sums are closer than the best Gaussian filter",
         {f"{name} closer than the {late} by {_pm(gain, '.0f')} m": positive(gain) for name, gain in gains.items()},
@@ -148,8 +149,8 @@ def findings(results: Results, reference: Found, reckoned: Found) -> Sequence[st
     """What came out, in words."""
     late, known = best(results, "late"), best(results, "known")
     drawn = [name for name in results if name in DRAWN]
-    closer = {name: mean_of(results[late].late - results[name].late) for name in drawn}
-    surer = {name: mean_of(results[name].known - results[known].known) for name in drawn}
+    closer = {name: ahead(results[late].late, results[name].late) for name in drawn}
+    surer = {name: ahead(results[name].known, results[known].known) for name in drawn}
     open_for = terrain.STEP * (reference.std > UNDECIDED).sum(1)
     return (
         f"By the reference, the belief is wider than {UNDECIDED:g} m, which is more than one ridge, for "

@@ -26,6 +26,7 @@ from sigmapoint.experiments.publishing.results import (
     Mean,
     Picture,
     Row,
+    ahead,
     decided,
     mean_of,
     plus_minus,
@@ -115,14 +116,14 @@ def claim(results: Results) -> Claim:
     """Table 7.1, and what is said of it."""
     table = results[0][1]
     means, far = {name: mean_of(one.rmse) for name, one in table.items()}, distant(table)
-    ahead = mean_of(table["PF"].rmse - table["UPF"].rmse)
+    gain = ahead(table["PF"].rmse, table["UPF"].rmse)
     return Claim(
         "Table 7.1; the superior performance of the UPF is clearly evident",
         {
             f"{name} {plus_minus(mean)} (published {PUBLISHED[name][0]:.3f})": name not in far
             for name, mean in means.items()
         }
-        | {f"UPF below PF by {plus_minus(ahead)}": positive(ahead)},
+        | {f"UPF below PF by {plus_minus(gain)}": positive(gain)},
     )
 
 
@@ -171,7 +172,7 @@ def _mean(by: Mapping[str, Found], name: str) -> str:
 
 def _ahead(by: Mapping[str, Found]) -> str:
     """By how much the UPF is better than the PF on the same series."""
-    gain = mean_of(by["PF"].rmse - by["UPF"].rmse)
+    gain = ahead(by["PF"].rmse, by["UPF"].rmse)
     return f"by {gain.value:.3f} ± {gain.spread:.3f}, {decided(gain)}"
 
 
