@@ -296,3 +296,16 @@ def test_a_failing_model_keeps_its_own_error():
 
     with pytest.raises(KeyError, match="no such table"):
         run(dynamics=broken)
+
+
+@pytest.mark.parametrize("recipe", [sp.srcdkf(), sp.bootstrap(20)], ids=["gaussian", "particles"])
+def test_a_model_that_gives_nan_is_warned_of(recipe):
+    broken = model(dynamics=lambda x, u: jnp.sqrt(x - 5.0))
+    with pytest.warns(UserWarning, match="the log-likelihood is not a number"):
+        sp.filter(broken, np.ones((4, 1)), method=recipe, key=0)
+
+
+def test_the_series_that_gives_nan_is_named():
+    broken, u = model(dynamics=lambda x, u: jnp.sqrt(u) * x), np.stack([np.ones(4), -np.ones(4)])
+    with pytest.warns(UserWarning, match="the log-likelihood of series 1 is not a number"):
+        sp.batch(broken, np.ones((2, 4, 1)), u)

@@ -114,14 +114,14 @@ class Posterior(eqx.Module):
         labels = Labels.of(model, y.shape[-1])
         total = kept["log_likelihood"]
         if known(total) and (broken := np.isnan(np.asarray(total))).any():
-            which = f" of series {int(broken.argmax())}" if broken.ndim else ""
+            which = f" of series {', '.join(map(str, np.argwhere(broken)[0]))}" if broken.ndim else ""
             warnings.warn(
                 f"the log-likelihood{which} is not a number: the model gave NaN or infinity, or the filter broke down. "
-                "print(sp.diagnose(post)) says how many samples it lost, and where to look",
+                "print(sp.diagnose(post)), of one series, says how many samples it lost, and where to look",
                 stacklevel=3,
             )
         fields = {name: kept.get(name) for name in (*cls.FIELDS, *cls.ALWAYS)}
-        return cls(**fields, log_likelihood=kept["log_likelihood"], y=y, u=u, labels=labels)
+        return cls(**fields, log_likelihood=total, y=y, u=u, labels=labels)
 
     def to_xarray(self, time: Any = None) -> Any:
         """As an `xarray.Dataset` with named states and measurements.

@@ -482,3 +482,4 @@ def test_the_tank_of_the_documentation_runs_and_finds_its_leak(tmp_path, monkeyp
     assert {path.name for path in Path("out").iterdir()} == FILES
     last, true = pd.read_parquet("out/estimates.parquet").iloc[-1], pd.read_csv("tank.csv").iloc[-1]
     assert abs(last["leak"] - true["true leak [1/s]"]) < 3 * last["leak std"]
+    assert last["leak std"] < 0.05 * 0.01  # of what it was at first

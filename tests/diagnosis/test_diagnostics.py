@@ -312,6 +312,7 @@ def test_a_filter_that_broke_down_is_told_from_missing_measurements(white):
     assert found.lost == T - 100
     assert found.verdicts[0].severity == "bad"
     assert "broke down" in found.verdicts[0].text
+    assert "good" not in {v.severity for v in found.verdicts}  # the few that are left say nothing
 
 
 def test_input_columns_are_named_by_where_they_are():

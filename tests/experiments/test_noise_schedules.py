@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from sigmapoint.experiments import EXPERIMENTS
 from sigmapoint.experiments.learning import ikeda as experiment
 from sigmapoint.experiments.learning import mackey_glass_learning, noise_schedules
+from sigmapoint.experiments.learning.curves import taught
 from sigmapoint.experiments.publishing.results import Mean
 from sigmapoint.problems import ikeda, mackey_glass
 from sigmapoint.problems.autoregression import normalized, pairs
@@ -68,6 +69,21 @@ def test_mackey_glass_has_the_autocorrelations_of_the_recipe():
     x = normalized(mackey_glass.series(4000))
     found = [float(jnp.mean(x[lag:] * x[:-lag])) for lag in (1, 2, 3)]
     np.testing.assert_allclose(found, [0.811, 0.442, 0.105], atol=0.01)
+
+
+def test_a_run_is_taught_and_tested_on_pairs_of_its_own():
+    x = jnp.arange(2 * 5.0).reshape(2, 5)  # of 2 runs, 3 for training
+    (train, _), lessons = taught((x, x), 3, jnp.zeros((2, 1)), 4, jax.random.key(0))
+    seen = train[lessons.order]
+    np.testing.assert_array_equal(jnp.sort(seen), jnp.broadcast_to(x[:, None, :3], (2, 4, 3)))
+    assert (seen[:, 0] != seen[:, 1]).any()
+    np.testing.assert_array_equal(lessons.test[0], x[:, 3:])
+
+
+def test_another_start_gives_another_mackey_glass_series():
+    one, other = (mackey_glass.drawn(50, jax.random.key(seed)) for seed in (0, 1))
+    assert one.shape == (50,)
+    assert jnp.abs(one - other).max() > 0.1
 
 
 def test_a_claim_against_several_falls_with_one_and_needs_all():

@@ -62,9 +62,10 @@ def reproduce(
     console = Console()
     if show:
         known = [
-            (e.name, f"{e.description}; --data: {e.data}" if e.data else e.description) for e in EXPERIMENTS.values()
+            {"name": e.name, "what": f"{e.description}; --data: {e.data}" if e.data else e.description}
+            for e in EXPERIMENTS.values()
         ]
-        console.print(output.table("experiments", [{"name": name, "what": what} for name, what in known]))
+        console.print(output.table("experiments", known))
         return
     if every and name is not None:
         raise InputError(f"give {name} or --all, not both")

@@ -42,11 +42,11 @@ def of(
     few: float,
 ) -> tuple[Verdict, ...]:
     """Every verdict of a diagnosis, the question of consistency first."""
-    lost_most = lost > 0 and nis.rows < FEW  # then what is left says nothing of the filter
-    said = [*_few(few), *_lost(lost), *_wide(wide), *([] if lost_most else _samples(nis))]
-    if nees is not None and nees.rows:
+    whole = nis.rows > lost  # of a filter that broke down, what is left of the measurements says nothing
+    said = [*_few(few), *_lost(lost), *_wide(wide), *(_samples(nis) if whole or not lost else [])]
+    if nees is not None and nees.rows and whole:
         said += _contradiction(nis, nees)  # before the two that it reconciles
-    if nis.rows and not lost_most:
+    if whole:
         said += [_consistent(nis, *NIS), *_whiteness(elements)]
         said += [v for e in elements if e.samples >= FEW for v in (*_bias(e), *_tails(e), *_inputs(e))]
     if nees is not None and nees.rows:

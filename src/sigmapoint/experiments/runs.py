@@ -10,7 +10,7 @@ Found = TypeVar("Found")
 
 
 class Runs(NamedTuple):
-    """Numbers of runs. The fewer are the first of the more: from the same starts, on the same data."""
+    """Numbers of runs. The fewer are the first of the more, with the same starts and data run by run."""
 
     each: int
     compared: int

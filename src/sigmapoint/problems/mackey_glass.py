@@ -20,10 +20,10 @@ from jaxtyping import Array, Float
 DELAY, SAMPLING = 30.0, 6.0
 """[s]"""
 START = 0.9
-LEAST, MOST = 0.5, 1.2
-"""of other starts"""
+STARTS = (0.5, 1.2)
+"""range of random starts"""
 TRANSIENT = 100
-"""samples until a start is forgotten, to what matters"""
+"""samples left out after a random start, until it is forgotten"""
 STEPS = 60
 """Steps between two samples, of 0.1 s each."""
 GROWTH, DECAY, POWER = 0.2, 0.1, 10
@@ -56,8 +56,8 @@ def series(samples: int, start: float | Float[Array, ""] = START, steps: int = S
 
 
 def drawn(samples: int, key: Array) -> Float[Array, " T"]:
-    """Samples of a solution from another start, not normalised."""
-    start = jax.random.uniform(key, (), minval=LEAST, maxval=MOST)
+    """Samples of the solution from a random start, after its transient, not normalised."""
+    start = jax.random.uniform(key, (), minval=STARTS[0], maxval=STARTS[1])
     return series(TRANSIENT + samples, start)[TRANSIENT:]
 
 

@@ -38,7 +38,7 @@ class Series(NamedTuple):
     """What the runs see, and what they are judged by; a leading axis of runs."""
 
     clean: Float[Array, "*R T"]
-    """of mean 0 and variance 1"""
+    """of mean 0 and variance 1, or normalised by another series of its kind"""
     noisy: Float[Array, "*R T"]
     process: Float[Array, "*R"]
     """variance of the process noise"""

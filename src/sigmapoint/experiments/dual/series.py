@@ -5,7 +5,7 @@ UKF based algorithms are clear". Noise variances are known; the drift of the wei
 annealed in the dual ones. What the drifts are, how long the series and how many epochs is not given; ours are in
 `dual.runs` and in each `Task`.
 
-Runs differ in the start of the network and in the noise. Methods are compared on the same runs.
+Runs differ in the series, the noise and the start of the network. Methods are compared on the same runs.
 """
 
 from collections.abc import Callable, Mapping

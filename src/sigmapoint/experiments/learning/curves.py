@@ -47,11 +47,27 @@ def curves(learner: Learner, lessons: Lessons, train: tuple[Any, Any], score: Sc
     return Curves(*map(np.asarray, _curves(learner, lessons, learner.setup.checked(*train), score)))
 
 
-def shuffled(runs: int, epochs: int, rows: int, key: Array) -> Int[Array, "R E N"]:
-    """An order for every run and epoch, of pairs that each run has of its own: the first so many rows, the next, …"""
+def taught(
+    pairs: tuple[Array, Array], rows: int, starts: Float[Array, "R L"], epochs: int, key: Array
+) -> tuple[tuple[Array, Array], Lessons]:
+    """What is taught, and how, where each run has pairs of its own.
+
+    Args:
+        pairs: inputs and targets, with a leading axis of runs.
+        rows: how many of a run's are for training, the first; the others are its test.
+        starts: of the runs.
+        epochs: in each, a run takes its rows in a new order.
+        key: of the orders.
+
+    Returns:
+        The pairs for training, those of all runs in line, and the lessons.
+    """
+    runs = len(starts)
     keys = jax.random.split(key, (runs, epochs))
     order = jax.vmap(jax.vmap(lambda k: jax.random.permutation(k, rows)))(keys)
-    return order + rows * jnp.arange(runs)[:, None, None]
+    train = jax.tree.map(lambda a: a[:, :rows].reshape(-1, *a.shape[2:]), pairs)
+    test = jax.tree.map(lambda a: a[:, rows:], pairs)
+    return train, Lessons(starts, order + rows * jnp.arange(runs)[:, None, None], test)
 
 
 def once(runs: int, epochs: int, rows: int) -> Int[Array, "R E N"]:
@@ -62,15 +78,6 @@ def once(runs: int, epochs: int, rows: int) -> Int[Array, "R E N"]:
 def for_each(runs: int, test: Any) -> Any:
     """One test set for all runs."""
     return jax.tree.map(lambda a: jnp.broadcast_to(a, (runs, *a.shape)), test)
-
-
-def pooled(pairs: tuple[Array, Array], rows: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Pairs of each run (runs, …), split: the first rows for training, those of all runs in line; the others, run by
-    run, for its test."""
-    return (
-        jax.tree.map(lambda a: a[:, :rows].reshape(-1, *a.shape[2:]), pairs),
-        jax.tree.map(lambda a: a[:, rows:], pairs),
-    )
 
 
 @eqx.filter_jit

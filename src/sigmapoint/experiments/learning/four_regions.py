@@ -59,9 +59,13 @@ LANES: dict[str, tuple[Method, Mapping[str, Any]]] = {
 SQUARED = tuple(name for name, (_, settings) in LANES.items() if settings["function"] is network.network)
 QUICK = ("EKF", "UKF", "SR-UKF", "EKF, cross-entropy")
 CLAIMS = (
-    ('"Superior performance for the UKF", "equivalent" of its square-root form', "SR-UKF", "EKF"),
+    (
+        '"Superior performance for the UKF", and "equivalent of the square-root approaches relative the EKF"',
+        "SR-UKF",
+        "EKF",
+    ),
     ("The same against the EKF with a prior that suits it better", "SR-UKF", "EKF, wide prior"),
-    ("The same for the dense form", "UKF", "EKF"),
+    ("The same by the dense form", "UKF", "EKF"),
     ("The same for central differences", "SR-CDKF", "EKF"),
     ('"Option 2 indistinguishable from the EKF"', "SR-UKF, option 2", "EKF"),
     ("Cross-entropy in place of squares", "EKF, cross-entropy", "EKF"),
@@ -175,7 +179,7 @@ def claim(found: Mapping[str, Curves]) -> Claim:
     """That of the papers."""
     final, along = gain(found, "SR-UKF", "EKF", -1), gain(found, "SR-UKF", "EKF")
     return Claim(
-        "superior performance of the UKF over the EKF",
+        "superior performance of the UKF over the EKF, with one prior of the weights for both",
         {
             f"SR-UKF told right more often in the last epoch by {_percent(final)}": positive(final),
             f"over all epochs by {_percent(along)}": positive(along),

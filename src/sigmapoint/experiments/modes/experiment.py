@@ -5,9 +5,11 @@ for ω₂", sampled at Nyquist of ω₂, which "emphasizes the effect of lineari
 the performance of the EKF and UKF become more similar." As there: process noise at 100 dB, measurements at 60 dB, a
 fixed drift. Masses, frequencies, starts, priors and number of steps are not printed; those here are ours.
 
-What the transition matrix of that EKF was is not said. The usual one of a continuous motion, I + Δt ∂ẋ/∂x, does what is
-published: at Nyquist it is far from the transition, and the faster the sampling, the closer. With the derivatives of
-the transition itself, as JAX takes them, there is little that sampling could emphasise. Both are here.
+Which transition matrix that EKF had is not said. Filters of continuous motions often have the first terms of its
+series, I + AΔt + (AΔt)²/2, which at Nyquist is far from what the motion does, and the faster the sampling, the closer.
+Tried were one, two and four terms: with two, ω1 is found and ω2 missed, as published; with one, ω1 is missed, too; with
+four and with the derivatives of the transition itself, as JAX takes them, ω2 is found in most runs. The claim is judged
+by two terms, and the others stand beside.
 
 One curve is no evidence, so here are shares of runs that end within 1 % of both frequencies: random motions, random
 starts, two widths of the prior, four sampling rates, and motions released from rest, of which an exact Nyquist step
@@ -21,6 +23,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 import sigmapoint as sp
 from sigmapoint.experiments.modes.figures import shares, tracks
@@ -40,9 +43,10 @@ from sigmapoint.experiments.publishing.results import (
 )
 from sigmapoint.problems import masses
 
-TRUNCATED = "EKF, I + AΔt"
+TRUNCATED, SHORTER = "EKF, two terms", "EKF, one term"
 METHODS = {
-    TRUNCATED: Way(sp.ekf(), "its transition matrix, of the first order in the step", truncated=True),
+    TRUNCATED: Way(sp.ekf(), "transition matrix I + AΔt + (AΔt)²/2", terms=2),
+    SHORTER: Way(sp.ekf(), "transition matrix I + AΔt", terms=1),
     "EKF": Way(sp.ekf(), "derivatives of the transition itself"),
     "UKF": Way(sp.ukf(), "α=1, β=2, κ=0"),
     "SR-UKF": Way(sp.srukf(), "α=1, β=2, κ=0"),
@@ -51,11 +55,12 @@ METHODS = {
     "iterated EKF": Way(sp.iterated(sp.ekf(), 5), "5 passes of an update whose measurement is linear: nothing to gain"),
     "iterated SR-CDKF": Way(sp.iterated(sp.srcdkf(), 5), "5 passes, h = √3"),
 }
-QUICK = (TRUNCATED, "EKF", "UKF")
+EKFS = (TRUNCATED, SHORTER, "EKF")
+SHOWN = (*EKFS, "UKF")
 RUNS, QUICK_RUNS = 200, 8
-NYQUIST, ABOVE, FAST = (Case(rate, 0.3, False) for rate in (1.0, 1.2, 20.0))
+NYQUIST, ABOVE, FAST = (Case(rate, 0.3, False) for rate in (1.0, 1.2, 5.0))
 CASES = tuple(
-    Case(rate, prior, rest) for rest in (False, True) for prior in (0.1, 0.3) for rate in (1.0, 1.2, 2.0, 5.0, 20.0)
+    Case(rate, prior, rest) for rest in (False, True) for prior in (0.1, 0.3) for rate in (1.0, 1.2, 2.0, 5.0)
 )
 QUICK_CASES = (Case(1.0, 0.1, False), NYQUIST, ABOVE, FAST)
 FOUND = 0.95
@@ -67,14 +72,11 @@ _row = partial(row_of, "modes")
 
 def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, Any]]:
     """Run the experiment; see `Experiment.run`."""
-    count, names, cases = runs or (QUICK_RUNS if quick else RUNS), QUICK if quick else tuple(METHODS), CASES
+    count, names, cases = (QUICK_RUNS, SHOWN, QUICK_CASES) if quick else (RUNS, tuple(METHODS), CASES)
     with jax.enable_x64(True):
-        drawn = draw(count, jax.random.key(seed))
+        drawn = draw(runs or count, jax.random.key(seed))
         estimators = {name: estimator(METHODS[name]) for name in names}
-        found = {
-            case: {name: estimate(case, drawn) for name, estimate in estimators.items()}
-            for case in (QUICK_CASES if quick else cases)
-        }
+        found = {case: {name: estimate(case, drawn) for name, estimate in estimators.items()} for case in cases}
     return publish(
         out,
         "Natural frequencies of two masses, estimated with their motion",
@@ -85,7 +87,7 @@ def run(runs: int | None, seed: int, out: Path, quick: bool) -> list[dict[str, A
             Picture(
                 "modes-nyquist",
                 f"Estimates over steps at {NYQUIST.text}, all runs; black: truth.",
-                tracks({name: found[NYQUIST][name].value for name in QUICK}, masses.TRUTH),
+                tracks({name: found[NYQUIST][name].value for name in SHOWN}, masses.TRUTH),
             ),
             Picture(
                 "modes-shares",
@@ -110,7 +112,7 @@ def rows(found: Results) -> list[Row]:
         *(_row(f"share of runs within 1 % of the mirror image of ω2, {case.text}", name, mirrored(case, one))
           for case, by in found.items() if 1 < case.rate < 2 for name, one in by.items()),
         *(_row(f"share of runs within 1 % of both, UKF minus this on the same runs, {case.text}", name, gain(by, name))
-          for case, by in found.items() for name in (TRUNCATED, "EKF")),
+          for case, by in found.items() for name in EKFS),
         *(_row(f"error of ω2 in the runs within 1 %, median, %, {case.text}", name, accuracy(one))
           for case, by in nyquist.items() for name, one in by.items()),
     ]  # fmt: skip
@@ -144,20 +146,22 @@ def accuracy(found: Found) -> Mean:
 def claim(found: Results) -> Claim:
     """That of the paper, at the published rate."""
 
-    def share(name: str) -> float:
-        return mean_of(found[NYQUIST][name].close[:, 1]).value
+    def shares(name: str) -> Float[np.ndarray, "2"]:
+        return found[NYQUIST][name].close.mean(0)
 
-    both, less = mean_of(found[NYQUIST]["UKF"].both).value, closer(found)
+    both, less, (first, second) = found[NYQUIST]["UKF"].both.mean(), closer(found), shares(TRUNCATED)
+    others = ", ".join(f"{name} {shares(name)[0]:.1%} and {shares(name)[1]:.1%}" for name in EKFS if name != TRUNCATED)
     return Claim(
         "the UKF finds both frequencies, the EKF does not converge to ω2; sampled faster they become more similar",
         {
             f"UKF within 1 % of both in {both:.1%} of the runs": both > FOUND,
-            f"EKF with the transition matrix I + AΔt within 1 % of ω2 in {share(TRUNCATED):.1%} of the runs (with "
-            f"derivatives of the transition itself {share('EKF'):.1%})": share(TRUNCATED) < 0.5,
+            "for an EKF whose transition matrix is cut after the second power of the step (the paper does not say what "
+            f"it was): within 1 % of ω1 in {first:.1%}, of ω2 in {second:.1%} of the runs ({others})":
+                second < 0.5 < first,
             f"{FAST.rate:g} times as fast, the UKF is ahead of that EKF in a share of the runs that is smaller by "
             f"{plus_minus(less)}": positive(less),
         },
-    )
+    )  # fmt: skip
 
 
 def findings(found: Results) -> Sequence[str]:
@@ -165,8 +169,8 @@ def findings(found: Results) -> Sequence[str]:
     nyquist = [case for case in found if case.rate == 1]
 
     def shares(case: Case) -> str:
-        each = {name: mean_of(found[case][name].close[:, 1]).value for name in QUICK}
-        return ", ".join(f"{name} {value:.1%}" for name, value in each.items())
+        each = {name: found[case][name].close.mean(0) for name in SHOWN}
+        return ", ".join(f"{name} {first:.1%} and {second:.1%}" for name, (first, second) in each.items())
 
     def gains(over: str) -> str:
         each = {case: gain(by, over) for case, by in found.items()}
@@ -175,13 +179,13 @@ def findings(found: Results) -> Sequence[str]:
         )
 
     return (
-        f"Runs that end within 1 % of ω2. {'; '.join(f'{case.text}: {shares(case)}' for case in nyquist)}.",
-        "What is published is so for an EKF whose transition matrix is that of a continuous motion to the first order "
-        "in the step, I + AΔt: at Nyquist that is no approximation. The paper does not say which its EKF had. One with "
-        f"the derivatives of the transition itself finds ω2 in most runs; that the UKF is ahead of it on the same "
-        f"runs, at {NYQUIST.text}: {decided(gain(found[NYQUIST], 'EKF'))}.",
+        f"Runs that end within 1 % of ω1 and of ω2. {'; '.join(f'{case.text}: {shares(case)}' for case in nyquist)}.",
+        f"That the UKF is ahead of the EKF on the same runs, at {NYQUIST.text}: "
+        + ", ".join(f"{name} {decided(gain(found[NYQUIST], name))}" for name in EKFS)
+        + ". The EKF without more words has the derivatives of the transition itself, the others the first terms of "
+        "its series in the step; the mean of all moves by the transition itself.",
         *(f"More runs within 1 % of both by the UKF than by the {over}, in percentage points: {gains(over)}."
-          for over in (TRUNCATED, "EKF")),
+          for over in EKFS),
         "Exactly at Nyquist the second mode only changes its sign from sample to sample, and that it does neither more "
         "nor less says that ω2 is at Nyquist. A little above, the samples beat, and a frequency as far on the other "
         f"side fits as well with the phase reversed. At {ABOVE.text} "

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from sigmapoint.experiments.publishing.results import Mean
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#555555", "#882255")
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#555555", "#882255", "#117733")
 
 
 def tracks(found: Mapping[str, Float[np.ndarray, "R T 2"]], truth: Float[np.ndarray, "2"]) -> Figure:

@@ -40,12 +40,12 @@ class Case(NamedTuple):
 
 
 class Way(NamedTuple):
-    """A filter."""
+    """A filter, and where its transition matrix comes from."""
 
     method: Method
-    note: str = ""
-    truncated: bool = False
-    """whether its transition matrix is `truncated`, in place of that of the motion itself"""
+    note: str
+    terms: int = 0
+    """of the series that its transition matrix is `truncated` to; 0: the derivatives of the transition itself"""
 
 
 class Found(NamedTuple):
@@ -102,7 +102,7 @@ def estimator(way: Way) -> Callable[[Case, Drawn], Found]:
         def model(dt: Array) -> StateSpaceModel:
             return sp.joint(lambda omega: masses.model(omega, dt, unknown), theta, drift=DRIFT)
 
-        run = sp.filter(truncated(model, dt) if way.truncated else model(dt), y, method=way.method, keep=KEPT)
+        run = sp.filter(truncated(model, dt, way.terms) if way.terms else model(dt), y, method=way.method, keep=KEPT)
         found = sp.estimates(theta, run)
         return Found(found.value, found.low, found.high)
 
@@ -115,18 +115,29 @@ def estimator(way: Way) -> Callable[[Case, Drawn], Found]:
     return estimate
 
 
-def truncated(model: Callable[[Array], StateSpaceModel], dt: Float[Array, ""]) -> StateSpaceModel:
-    """A model that tells extended filters the first two terms of its transition's Jacobian, I + Δt ∂ẋ/∂x.
+def truncated(model: Callable[[Array], StateSpaceModel], dt: Float[Array, ""], terms: int) -> StateSpaceModel:
+    """A model that tells extended filters I + AΔt + (AΔt)²/2 + … for its transition's Jacobian, A = ∂ẋ/∂x before it.
+
+    The mean still moves by the transition itself.
 
     Args:
         model: by its time step.
         dt: that to be taken.
+        terms: of the series, after I.
     """
 
     def rate(x: Array) -> Array:
         return jax.jvp(lambda t: model(t).dynamics(x, None), (jnp.zeros_like(dt),), (jnp.ones_like(dt),))[1]
 
-    return replace(model(dt), dynamics_jacobian=lambda x, u: jnp.eye(len(x)) + dt * jax.jacfwd(rate)(x))
+    def jacobian(x: Array, u: Any) -> Array:
+        A, term = dt * jax.jacfwd(rate)(x), jnp.eye(len(x))
+        total = term
+        for i in range(1, terms + 1):
+            term = term @ A / i
+            total = total + term
+        return total
+
+    return replace(model(dt), dynamics_jacobian=jacobian)
 
 
 def simulated(x: Float[Array, "4"], dt: Float[Array, ""], key: Array) -> Float[Array, "T 2"]:

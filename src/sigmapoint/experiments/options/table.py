@@ -102,7 +102,7 @@ def claim(markets: Markets, found: Results) -> Claim:
     """Table 7.2, for real prices; for simulated ones its order."""
     score = scores(markets, found, TABLE)
     if not markets.real:
-        gains = {kind: mean_of(score[AHEAD][TRIVIAL][:, i] - score[AHEAD][SHOWN][:, i]) for i, kind in enumerate(KINDS)}
+        gains = {kind: ahead(score[AHEAD][TRIVIAL][:, i], score[AHEAD][SHOWN][:, i]) for i, kind in enumerate(KINDS)}
         return Claim(
             "(in simulated markets) the filter's prices are nearer than those of the day before",
             {f"{kind}: by {plus_minus(gain)}": positive(gain) for kind, gain in gains.items()},
@@ -158,12 +158,12 @@ def over_markets(score: Scores) -> Sequence[str]:
         "measured where --data names a folder with them."
     ]
     for i, kind in enumerate(KINDS):
-        ahead = {name: each[:, i] for name, each in score[AHEAD].items()}
+        errors = {name: each[:, i] for name, each in score[AHEAD].items()}
         for worse, better in ((TRIVIAL, "EKF"), ("EKF", "UKF")):
-            less = mean_of(ahead[worse] - ahead[better])
+            less = ahead(errors[worse], errors[better])
             said.append(
                 f"{kind.capitalize()}, strike {TABLE}, one-step errors: {worse} minus {better}, on the same markets, "
-                f"{less.value:.1e} ± {less.spread:.0e}, or {less.value / ahead[worse].mean():.2%} of {worse}."
+                f"{less.value:.1e} ± {less.spread:.0e}, or {less.value / errors[worse].mean():.2%} of {worse}."
             )
     return said
 

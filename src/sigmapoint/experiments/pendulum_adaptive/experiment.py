@@ -152,7 +152,7 @@ def rows(found: Mapping[str, Mapping[str, Outcome]]) -> list[Row]:
 
 def gain(by: Mapping[str, Outcome], name: str) -> Mean:
     """How many more trials succeed than by the EKF."""
-    return mean_of(1.0 * by[name].success - by["EKF"].success)
+    return ahead(1.0 * by[name].success, 1.0 * by["EKF"].success)
 
 
 def claim(found: Mapping[str, Mapping[str, Outcome]]) -> Claim:

@@ -125,7 +125,7 @@ def rows(results: Results, sensors: Mapping[float, np.ndarray]) -> list[Row]:
         *(_row(f"the same, control by the estimate, {level:g} dB", name, mean_of(1.0 * one.fell), noise[level])
           for level, by in results.by.items() for name, one in by.items()),
         *(_row(f"the same on the same starts, UKF minus EKF, {level:g} dB", "UKF",
-               mean_of(1.0 * by["UKF"].fell - by["EKF"].fell)) for level, by in results.by.items()),
+               ahead(1.0 * by["UKF"].fell, 1.0 * by["EKF"].fell)) for level, by in results.by.items()),
         *(_row(f"time of the crash [s], {PUBLISHED:g} dB", name, mean_of(one.when), "of the trials that crash")
           for name, one in results.by[PUBLISHED].items()),
         *(_row(f"error of {state}, rms over a trial that is only watched, {level:g} dB", name, mean_of(one.error[:, i]))

@@ -80,6 +80,7 @@ def side_by_side(
     beside = [task for task in tasks if task not in alone]
     if not beside:
         return
+    jobs = min(jobs, len(beside))
     # `spawn`: a forked child would inherit the locks of JAX's threads.
     with few_threads(jobs), ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), begin) as pool:
         try:

@@ -163,7 +163,7 @@ def findings(results: Results, reference: Found, reckoned: Found) -> Sequence[st
         f"That particle filters are closer than the {late} on the same flights, by m: {_verdicts(closer, '.0f')}.",
         f"That their beliefs give the true position a higher density than the {known}, the best Gaussian by that "
         f"measure, does, in logarithms: {_verdicts(surer, '.2f')}. Dead reckoning is at "
-        f"{_pm(mean_of(reckoned.known - results[known].known), '.2f')} from it.",
+        f"{_pm(ahead(reckoned.known, results[known].known), '.2f')} from it.",
         *(
             f"Where the first height is left out, and all particles start as they were drawn, the {name} filter loses "
             f"{mean_of(results[later].lost).value:.0%} of the flights, in place of "

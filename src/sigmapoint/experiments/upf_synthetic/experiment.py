@@ -133,7 +133,7 @@ def findings(results: Results, least: Mean) -> Sequence[str]:
     return (
         printed(table),
         f'"The superior performance of the UPF is clearly evident", its error below that of the PF: as published '
-        f"{_ahead(table)}; with logarithms of weights {_ahead(logarithms)}.",
+        f"{_gain(table)}; with logarithms of weights {_gain(logarithms)}.",
         f"What puts the published PF last is 1e-99, added to every likelihood: where no particle comes near the "
         f"measurement, all weigh the same. With logarithms of weights the same PF has {_mean(logarithms, 'PF')}.",
         f"Solving y = h(x) for the state, without any filter, has an RMSE of {least.value:.4f} ± {least.spread:.4f}: "
@@ -163,14 +163,14 @@ def printed(table: Mapping[str, Found]) -> str:
 def told(by: Mapping[str, Found]) -> str:
     """The same, where filters know the mean of the noise."""
     numbers = ", ".join(f"{name} {mean_of(one.rmse).value:.4f}" for name, one in by.items())
-    return f"Told the mean of the noise as well, the problem as it was posed: {numbers}; UPF below PF {_ahead(by)}."
+    return f"Told the mean of the noise as well, the problem as it was posed: {numbers}; UPF below PF {_gain(by)}."
 
 
 def _mean(by: Mapping[str, Found], name: str) -> str:
     return f"{mean_of(by[name].rmse).value:.4f}"
 
 
-def _ahead(by: Mapping[str, Found]) -> str:
+def _gain(by: Mapping[str, Found]) -> str:
     """By how much the UPF is better than the PF on the same series."""
     gain = ahead(by["PF"].rmse, by["UPF"].rmse)
     return f"by {gain.value:.3f} ± {gain.spread:.3f}, {decided(gain)}"
