@@ -7,6 +7,7 @@ Normalised innovations are divided by the number of elements that were measured,
 of sensors: NIS is χ² with as many degrees of freedom (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
 """
 
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -174,7 +175,9 @@ def compare(
     rows, posteriors = [], {}
     for name, method in chosen.items():
         each(name)
-        row, post = row_of(name, lambda method=method: estimate(model, y, u, method, key=key), states)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "the log-likelihood")  # its note says so, and from which row on
+            row, post = row_of(name, lambda method=method: estimate(model, y, u, method, key=key), states)
         rows.append(row)
         if post is not None:
             posteriors[name] = post

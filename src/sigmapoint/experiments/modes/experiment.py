@@ -154,10 +154,10 @@ def claim(found: Results) -> Claim:
     return Claim(
         "the UKF finds both frequencies, the EKF does not converge to ω2; sampled faster they become more similar",
         {
-            f"UKF within 1 % of both in {both:.1%} of the runs": both > FOUND,
+            f"UKF within 1 % of both in {both:.1%} of the runs": bool(both > FOUND),
             "for an EKF whose transition matrix is cut after the second power of the step (the paper does not say what "
             f"it was): within 1 % of ω1 in {first:.1%}, of ω2 in {second:.1%} of the runs ({others})":
-                second < 0.5 < first,
+                bool(second < 0.5 < first),
             f"{FAST.rate:g} times as fast, the UKF is ahead of that EKF in a share of the runs that is smaller by "
             f"{plus_minus(less)}": positive(less),
         },
