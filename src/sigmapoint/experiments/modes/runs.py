@@ -116,9 +116,9 @@ def estimator(way: Way) -> Callable[[Case, Drawn], Found]:
 
 
 def truncated(model: Callable[[Array], StateSpaceModel], dt: Float[Array, ""], terms: int) -> StateSpaceModel:
-    """A model that tells extended filters I + AΔt + (AΔt)²/2 + … for its transition's Jacobian, A = ∂ẋ/∂x before it.
+    """A model that tells extended filters I + AΔt + (AΔt)²/2 + … for its transition's Jacobian.
 
-    The mean still moves by the transition itself.
+    A = ∂ẋ/∂x is that before the step, held. The mean still moves by the transition itself.
 
     Args:
         model: by its time step.

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sigmapoint.experiments.options.runs import JUDGED, Found, Markets, errors, trivial
-from sigmapoint.experiments.publishing.results import Claim, Mean, Row, mean_of, plus_minus, positive
+from sigmapoint.experiments.publishing.results import Claim, Mean, Row, ahead, mean_of, plus_minus, positive
 
 TRIVIAL, SHOWN = "trivial", "UKF"
 TABLE = 2925
@@ -38,10 +38,10 @@ Scores = Mapping[str, Mapping[str, Float[np.ndarray, "R 2"]]]
 def scores(markets: Markets, found: Results, strike: int) -> dict[str, dict[str, Float[np.ndarray, "R 2"]]]:
     """Of call and put by method: one-step errors, those having seen the day, those of particles as drawn."""
     prices = np.asarray(markets.prices(strike))
-    ahead = {name: errors(prices, one.ahead) for name, one in found[strike].items()}
+    before = {name: errors(prices, one.ahead) for name, one in found[strike].items()}
     seen = {name: errors(prices, one.seen) for name, one in found[strike].items()}
     drawn = {name: errors(prices, one.drawn) for name, one in found[strike].items() if one.drawn is not None}
-    return {AHEAD: {TRIVIAL: errors(prices, trivial(prices)), **ahead}, SEEN: seen, DRAWN: drawn}
+    return {AHEAD: {TRIVIAL: errors(prices, trivial(prices)), **before}, SEEN: seen, DRAWN: drawn}
 
 
 def rows(markets: Markets, found: Results, notes: Mapping[str, str]) -> list[Row]:

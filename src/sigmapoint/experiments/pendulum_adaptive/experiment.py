@@ -20,7 +20,17 @@ from jaxtyping import Array, Float
 
 import sigmapoint as sp
 from sigmapoint.experiments.pendulum_adaptive.figures import converging, successes, tracks
-from sigmapoint.experiments.publishing.results import Claim, Mean, Picture, Row, decided, mean_of, publish, row_of
+from sigmapoint.experiments.publishing.results import (
+    Claim,
+    Mean,
+    Picture,
+    Row,
+    ahead,
+    decided,
+    mean_of,
+    publish,
+    row_of,
+)
 from sigmapoint.methods import Method
 from sigmapoint.problems import pendulum_adaptive as problem
 from sigmapoint.problems.pendulum import STEP, TRUTH, fallen

@@ -31,6 +31,7 @@ from sigmapoint.experiments.publishing.results import (
     Picture,
     Row,
     Shown,
+    ahead,
     mean_of,
     plus_minus,
     publish,
