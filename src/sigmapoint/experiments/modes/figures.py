@@ -21,7 +21,8 @@ def tracks(found: Mapping[str, Float[np.ndarray, "R T 2"]], truth: Float[np.ndar
             axis.axhline(truth[i], color="black", lw=1, ls="--")
             axis.annotate(f"ω{i + 1}", (1.0, truth[i]), xycoords=("axes fraction", "data"), va="center")
         close = np.abs(value[:, -1] / truth - 1) < 0.01
-        axis.set_title(f"{name}: within 1 % in the end, ω1 {close[:, 0].mean():.0%}, ω2 {close[:, 1].mean():.0%}")
+        first, second = close.mean(0)
+        axis.set_title(f"{name}\nwithin 1 %: ω1 {first:.0%}, ω2 {second:.0%}", fontsize=10)
         axis.set_xlabel("step")
         axis.set_ylim(0, 2 * truth[1])
         axis.spines[["top", "right"]].set_visible(False)
