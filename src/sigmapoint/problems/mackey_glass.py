@@ -23,7 +23,7 @@ START = 0.9
 STARTS = (0.5, 1.2)
 """range of random starts"""
 TRANSIENT = 100
-"""samples left out after a random start, until it is forgotten"""
+"""samples left out after a random start; over many, the spread is that of the long run after about 200"""
 STEPS = 60
 """Steps between two samples, of 0.1 s each."""
 GROWTH, DECAY, POWER = 0.2, 0.1, 10
@@ -56,7 +56,7 @@ def series(samples: int, start: float | Float[Array, ""] = START, steps: int = S
 
 
 def drawn(samples: int, key: Array) -> Float[Array, " T"]:
-    """Samples of the solution from a random start, after its transient, not normalised."""
+    """Samples of the solution from a random start, without the first of them, not normalised."""
     start = jax.random.uniform(key, (), minval=STARTS[0], maxval=STARTS[1])
     return series(TRANSIENT + samples, start)[TRANSIENT:]
 

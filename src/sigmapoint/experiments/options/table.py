@@ -158,12 +158,12 @@ def over_markets(score: Scores) -> Sequence[str]:
         "measured where --data names a folder with them."
     ]
     for i, kind in enumerate(KINDS):
-        errors = {name: each[:, i] for name, each in score[AHEAD].items()}
+        of_method = {name: each[:, i] for name, each in score[AHEAD].items()}
         for worse, better in ((TRIVIAL, "EKF"), ("EKF", "UKF")):
-            less = ahead(errors[worse], errors[better])
+            less = ahead(of_method[worse], of_method[better])
             said.append(
                 f"{kind.capitalize()}, strike {TABLE}, one-step errors: {worse} minus {better}, on the same markets, "
-                f"{less.value:.1e} ± {less.spread:.0e}, or {less.value / errors[worse].mean():.2%} of {worse}."
+                f"{less.value:.1e} ± {less.spread:.0e}, or {less.value / of_method[worse].mean():.2%} of {worse}."
             )
     return said
 

@@ -52,8 +52,7 @@ class Task(NamedTuple):
 def few_threads(jobs: int) -> Generator[None, None, None]:
     """Processes that begin now take a share of the cores each for their linear algebra, where nothing else is said.
 
-    Where each takes all, their threads wait for each other: ten times as long for the factor of 184 rows, by two
-    processes on two cores.
+    Where each takes all, their threads wait for each other, longer than one thread takes.
     """
     own = dict.fromkeys(THREADS - os.environ.keys(), str(max(1, (os.cpu_count() or 1) // jobs)))
     os.environ.update(own)
