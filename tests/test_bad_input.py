@@ -298,13 +298,23 @@ def test_a_failing_model_keeps_its_own_error():
         run(dynamics=broken)
 
 
-def test_a_model_that_gives_nan_is_warned_of():
+def test_a_model_that_gives_nan_is_warned_of_where_it_was_called():
     broken = model(dynamics=lambda x, u: jnp.sqrt(x - 5.0))
-    with pytest.warns(UserWarning, match="the log-likelihood is not a number"):
-        sp.filter(broken, np.ones((4, 1)))
+    for run in (sp.filter, sp.smooth):
+        with pytest.warns(UserWarning, match="the log-likelihood is not finite") as caught:
+            run(broken, np.ones((4, 1)))
+        assert [w.filename for w in caught] == [__file__]
 
 
-def test_the_series_that_gives_nan_is_named():
+def test_a_likelihood_that_is_infinite_is_warned_of():
+    far = model(observation=lambda x, u: x + 1e200)
+    with pytest.warns(UserWarning, match="the log-likelihood is not finite"):
+        sp.filter(far, np.ones((4, 1)))
+
+
+@pytest.mark.parametrize("together", [np.array, list], ids=["array", "list"])
+def test_the_series_that_gives_nan_is_named_where_it_was_called(together):
     broken, u = model(dynamics=lambda x, u: jnp.sqrt(u) * x), np.stack([np.ones(4), -np.ones(4)])
-    with pytest.warns(UserWarning, match="the log-likelihood of series 1 is not a number"):
-        sp.batch(broken, np.ones((2, 4, 1)), u)
+    with pytest.warns(UserWarning, match="the log-likelihood of series 1 is not finite") as caught:
+        sp.batch(broken, together([*np.ones((2, 4, 1))]), together([*u]))
+    assert [w.filename for w in caught] == [__file__]

@@ -23,7 +23,7 @@ from sigmapoint.filtering import Estimator, Forward, fitting, series_of
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.ragged import Ragged, concatenated
 from sigmapoint.recipe import Recipe
-from sigmapoint.results import FIELDS
+from sigmapoint.results import FIELDS, warned
 from sigmapoint.smoothing.smoother import Smoother, looking_back
 
 LARGEST_PIECE = 256
@@ -84,15 +84,15 @@ def batch(
     if not all(map(checks.known, jax.tree.leaves((model, flat_y, flat_u)))):
         y, u = _split((flat_y, flat_u), B)
         kept = _together(model, y, u, jnp.asarray(rows.lengths), keys, recipe, estimator, keep)
-        return recipe.posterior.of(model, y, u, kept)
+        return warned(recipe.posterior.of(model, y, u, kept))
     rows = Ragged(np.asarray(flat_y), jax.tree.map(np.asarray, flat_u), rows.starts, rows.lengths)
     found = _over_workers(list(_pieces(rows, one_by_one())), model, keys, recipe, estimator, keep)
     if ragged:
         every = jax.device_put([(*_series(rows, i), found[i]) for i in range(B)])
-        return [recipe.posterior.of(model, *one) for one in every]
+        return warned([recipe.posterior.of(model, *one) for one in every])
     y, u = _split((flat_y, flat_u), B)
     kept = jax.tree.map(lambda *each: jnp.asarray(np.stack(each)), *(found[i] for i in range(B)))
-    return recipe.posterior.of(model, y, u, kept)
+    return warned(recipe.posterior.of(model, y, u, kept))
 
 
 def _split(tree: Any, B: int) -> Any:

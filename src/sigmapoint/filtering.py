@@ -16,7 +16,7 @@ from sigmapoint.compiled import series
 from sigmapoint.methods import Method, gaussian_filter, srcdkf
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.recipe import MAKER, Recipe, Run
-from sigmapoint.results import FIELDS, Labels, Posterior
+from sigmapoint.results import FIELDS, Labels, Posterior, warned
 
 
 def filter(
@@ -58,7 +58,7 @@ def filter(
     y, u, recipe = prepared(model, y, u, method)
     keep = recipe.posterior.selected(keep)
     kept = unwrapped(estimate, model, y, u, recipe, recipe.random(key), Forward(), keep)
-    return recipe.posterior.of(model, y, u, kept)
+    return warned(recipe.posterior.of(model, y, u, kept))
 
 
 def prepared(model: StateSpaceModel, y: Any, u: Any, method: Recipe | None = None) -> tuple[Array, Any, Recipe]:

@@ -1,7 +1,7 @@
 """The result of a filter or smoother."""
 
 import warnings
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -12,6 +12,7 @@ from sigmapoint import checks
 from sigmapoint.checks import known
 from sigmapoint.spaces import Euclidean, Space, same_elements
 
+Found = TypeVar("Found")
 FIELDS = ("mean", "cov", "std", "innovation", "innovation_cov", "nis")
 
 
@@ -110,18 +111,20 @@ class Posterior(eqx.Module):
 
     @classmethod
     def of(cls, model: Any, y: Array, u: Any, kept: dict[str, Any]) -> Any:
-        """From what a run kept; a warning where it broke down."""
-        labels = Labels.of(model, y.shape[-1])
-        total = kept["log_likelihood"]
-        if known(total) and (broken := np.isnan(np.asarray(total))).any():
-            which = f" of series {', '.join(map(str, np.argwhere(broken)[0]))}" if broken.ndim else ""
-            warnings.warn(
-                f"the log-likelihood{which} is not a number: the model gave NaN or infinity, or the filter broke down. "
-                "print(sp.diagnose(post)), of one series, says how many samples it lost, and where to look",
-                stacklevel=3,
-            )
+        """From what a run kept."""
         fields = {name: kept.get(name) for name in (*cls.FIELDS, *cls.ALWAYS)}
-        return cls(**fields, log_likelihood=total, y=y, u=u, labels=labels)
+        labels = Labels.of(model, y.shape[-1])
+        return cls(**fields, log_likelihood=kept["log_likelihood"], y=y, u=u, labels=labels)
+
+    def trouble(self, series: int | None = None) -> str | None:
+        """What is to be said where the run broke down; `series` is its number, if it is one of several."""
+        if not known(self.log_likelihood) or (sound := np.isfinite(np.asarray(self.log_likelihood))).all():
+            return None
+        return (
+            f"the log-likelihood{of_series(~sound, series)} is not finite: the model gave NaN or infinity, or the "
+            "filter broke down. print(sp.diagnose(post)), of one series, says how many samples it lost, and where to "
+            "look"
+        )
 
     def to_xarray(self, time: Any = None) -> Any:
         """As an `xarray.Dataset` with named states and measurements.
@@ -189,6 +192,23 @@ class Posterior(eqx.Module):
         from sigmapoint.plotting import plot_states
 
         return plot_states(self, time, truth)
+
+
+def warned(found: Found) -> Found:
+    """A result, or a list of them, after a warning of the first that broke down: to whoever called the caller."""
+    several = isinstance(found, list)
+    each = found if isinstance(found, list) else [found]
+    for i, post in enumerate(each):
+        if (trouble := post.trouble(i if several else None)) is not None:
+            warnings.warn(trouble, stacklevel=3)
+            break
+    return found
+
+
+def of_series(lost: Bool[np.ndarray, "*B"] | np.bool_, series: int | None) -> str:
+    """Names the first series that is lost, by its own number or by its place among others."""
+    place = np.argwhere(lost)[0] if np.ndim(lost) else [] if series is None else [series]
+    return f" of series {', '.join(map(str, place))}" if len(place) else ""
 
 
 def field(post: Posterior, name: str) -> np.ndarray:

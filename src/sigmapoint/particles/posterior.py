@@ -1,14 +1,13 @@
 """The result of a particle filter."""
 
-import warnings
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sigmapoint.checks import known
 from sigmapoint.particles.gaussian_sum.mixture import Mixture
-from sigmapoint.results import FIELDS, Posterior
+from sigmapoint.results import FIELDS, Posterior, of_series
 
 
 class ParticlePosterior(Posterior):
@@ -38,21 +37,17 @@ class ParticlePosterior(Posterior):
     log_weights: Float[Array, "*B T N"] | None
     ancestors: Int[Array, "*B T N"] | None = None
 
-    @classmethod
-    def of(cls, model: Any, y: Array, u: Any, kept: dict[str, Any]) -> Any:
-        """From what a run kept; a warning where the particles were lost."""
-        ess = kept.get("ess")
-        if ess is not None and known(ess) and not np.all(lost := np.asarray(ess) != 0):
-            where = tuple(int(i) for i in np.argwhere(~lost)[0])
-            row = f"row {where[-1]}" + (f" of series {where[0]}" if len(where) > 1 else "")
-            warnings.warn(
-                f"no particle explains the measurement of {row}: all weights were zero there, so the particles stay "
-                "as predicted, and the log-likelihood is minus infinity. Is the model's value there a number? Use more "
-                "particles, a proposal that looks at the measurement (sp.proposals.guided), or a noise with heavier "
-                "tails",
-                stacklevel=3,
-            )
-        return super().of(model, y, u, kept)
+    def trouble(self, series: int | None = None) -> str | None:
+        """What is to be said where the particles were lost; see `Posterior`."""
+        if self.ess is None or not known(self.ess) or not np.any(lost := np.asarray(self.ess) == 0):
+            return super().trouble(series)
+        row, which = np.argwhere(lost)[0][-1], of_series(lost.any(-1), series)
+        return (
+            f"no particle explains the measurement of row {row}{which}: all weights were zero there, so the particles "
+            "stay as predicted, and the log-likelihood is minus infinity. Is the model's value there a number? Use "
+            "more particles, a proposal that looks at the measurement (sp.proposals.guided), or a noise with heavier "
+            "tails"
+        )
 
 
 class GaussianSumPosterior(ParticlePosterior):

@@ -22,8 +22,8 @@ DELAY, SAMPLING = 30.0, 6.0
 START = 0.9
 STARTS = (0.5, 1.2)
 """range of random starts"""
-TRANSIENT = 100
-"""samples left out after a random start; over many, the spread is that of the long run after about 200"""
+TRANSIENT = 200
+"""samples left out after a random start: over many, the spread is then that of the long run"""
 STEPS = 60
 """Steps between two samples, of 0.1 s each."""
 GROWTH, DECAY, POWER = 0.2, 0.1, 10

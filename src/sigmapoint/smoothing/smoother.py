@@ -16,7 +16,7 @@ from sigmapoint.blackbox import unwrapped
 from sigmapoint.filtering import Estimator, estimate, fields, prepared, scan
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.recipe import Recipe
-from sigmapoint.results import FIELDS, Posterior
+from sigmapoint.results import FIELDS, Posterior, warned
 from sigmapoint.smoothing.reversal import back
 from sigmapoint.step import Filter, FilterState, Info, Method
 
@@ -140,4 +140,4 @@ def smooth(
     smoother = looking_back(smoother, recipe, model)
     keep = recipe.posterior.selected(keep)
     kept = unwrapped(estimate, model, y, u, recipe, recipe.random(key), smoother, keep)
-    return recipe.posterior.of(model, y, u, kept)
+    return warned(recipe.posterior.of(model, y, u, kept))
