@@ -165,6 +165,11 @@ y = np.random.default_rng(0).normal(size=(14, 6, 1))
 found = sp.batch(model, y)
 for i in range(14):
     np.testing.assert_allclose(found.mean[i], sp.filter(model, y[i]).mean, rtol=1e-13)
+P = jax.sharding.PartitionSpec("series")
+of_one = jax.vmap(lambda y: sp.filter(model, y).log_likelihood)
+mesh = jax.sharding.Mesh(np.array(jax.devices()), "series")
+spread = jax.shard_map(of_one, mesh=mesh, in_specs=P, out_specs=P, check_vma=False)
+np.testing.assert_allclose(jax.jit(spread)(y[:12]), found.log_likelihood[:12], rtol=1e-12)
 used = {d for f in (sp.batch(model, y[:3]).mean,) for d in f.devices()}
 print("same", len(used))
 """

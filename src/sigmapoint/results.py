@@ -1,7 +1,7 @@
 """The result of a filter or smoother."""
 
 import warnings
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,7 +12,6 @@ from sigmapoint import checks
 from sigmapoint.checks import known
 from sigmapoint.spaces import Euclidean, Space, same_elements
 
-Found = TypeVar("Found")
 FIELDS = ("mean", "cov", "std", "innovation", "innovation_cov", "nis")
 
 
@@ -194,14 +193,11 @@ class Posterior(eqx.Module):
         return plot_states(self, time, truth)
 
 
-def warned(found: Found) -> Found:
+def warned(found: Any) -> Any:
     """A result, or a list of them, after a warning of the first that broke down: to whoever called the caller."""
-    several = isinstance(found, list)
-    each = found if isinstance(found, list) else [found]
-    for i, post in enumerate(each):
-        if (trouble := post.trouble(i if several else None)) is not None:
-            warnings.warn(trouble, stacklevel=3)
-            break
+    named = enumerate(found) if isinstance(found, list) else [(None, found)]
+    if (trouble := next(filter(None, (post.trouble(series) for series, post in named)), None)) is not None:
+        warnings.warn(trouble, stacklevel=3)
     return found
 
 

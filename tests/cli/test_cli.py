@@ -433,8 +433,10 @@ def test_reproduce_all_leaves_an_index_of_claims_and_takes_up_what_was_broken_of
     assert run["seconds"] >= 0
     invoke("reproduce", "--all", "--jobs", 1, "--resume", "--seed", 1, "--out", tmp_path)
     (tmp_path / "toy" / "results.json").unlink()
+    older = {**run, "seed": 1, "versions": run["versions"] | {"jax": "0.1"}}
+    (tmp_path / "game" / "run.json").write_text(json.dumps(older))
     invoke("reproduce", "--all", "--jobs", 1, "--resume", "--seed", 1, "--out", tmp_path)
-    assert experiments == ["toy", "game", "toy", "game", "toy"]
+    assert experiments == ["toy", "game", "toy", "game", "toy", "game"]
 
 
 def test_an_experiment_that_fails_does_not_keep_the_others_from_running(experiments, monkeypatch, tmp_path):

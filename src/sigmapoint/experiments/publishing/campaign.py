@@ -58,11 +58,12 @@ def versions() -> dict[str, str]:
 
 
 def finished(settings: Settings, out: Path) -> bool:
-    """Whether an experiment was run to its end with these settings."""
+    """Whether an experiment was run to its end with these settings, by what is installed now."""
     if not all((out / name).is_file() for name in FILES):
         return False
     done = _read(out / "run.json")
-    return {name: done.get(name) for name in settings._fields} == settings._asdict()
+    wanted = {**settings._asdict(), "versions": versions()}
+    return {name: done.get(name) for name in wanted} == wanted
 
 
 class Done(NamedTuple):
