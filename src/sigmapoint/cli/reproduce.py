@@ -37,7 +37,8 @@ def reproduce(
     ] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Each experiment writes into DIR/NAME.")] = Path("out"),
     resume: Annotated[
-        bool, typer.Option("--resume", help="Leave those that DIR has from a whole run with the same options and packages.")
+        bool,
+        typer.Option("--resume", help="Leave those that DIR has from a whole run by the same options and packages."),
     ] = False,
     jobs: Annotated[
         int | None,
