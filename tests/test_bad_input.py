@@ -9,6 +9,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 from particles.refused import REFUSED
 
@@ -121,7 +122,9 @@ CASES = {
     "u of strings": (lambda: run(u={"a": np.array(list("abcde"))}), r"u\['a'\] must be an array of numbers, .* of <U1"),
     "y empty": (lambda: run(y=np.ones((0, 1))), "y has no rows"),
     "y without columns": (lambda: run(y=np.ones((5, 0))), "y has no columns"),
-    "y of strings": (lambda: run(y=[["a"]]), "y must be an array"),
+    "y of strings": (lambda: run(y=[["a"]]), r"y must be an array of numbers, got \[\['a'\]\]$"),
+    "y an array of strings": (lambda: run(y=np.array([["a"]])), "y must be an array of numbers, got an array of <U1$"),
+    "u a frame": (lambda: run(u=pd.DataFrame({"a": np.ones(5)})), "u is a table: pass {name: u"),
     "y infinite": (lambda: run(y=np.full((5, 1), np.inf)), "y has infinite values"),
     "NaN in u": (lambda: run(u={"a": np.array([0.0, np.nan, 0, 0, 0])}), r"u\['a'\] has 1 NaN.*index \(1,\)"),
     "u too short": (lambda: run(u=np.ones(4)), "u must have one row for each of the 5"),
@@ -133,6 +136,18 @@ CASES = {
     "online y a matrix": (
         lambda: sp.online(model()).update(sp.online(model()).init(), np.ones((2, 1))),
         "y must be one measurement",
+    ),
+    "online y a number": (
+        lambda: sp.online(model()).update(sp.online(model()).init(), 1.0),
+        r"y must be one measurement of shape \(m,\), got shape \(\); for a single number pass \[y\]",
+    ),
+    "one of the compared draws without a key": (
+        lambda: sp.compare(model(), np.ones((3, 1)), methods={"ekf": sp.ekf(), "cloud": sp.bootstrap(10)}),
+        "cloud: key is missing",
+    ),
+    "fit with NumPy": (
+        lambda: sp.fit(lambda theta: model(process_noise=np.diag([theta, 1.0])), jnp.ones(()), np.ones((3, 1))),
+        r"build\(theta\) must be a function that JAX can trace",
     ),
     "online state a tuple": (lambda: sp.online(model()).predict((1, 2)), "state must come from"),
     "online y a string": (
@@ -252,6 +267,23 @@ def test_a_model_is_told_which_input_is_missing():
     assert "dynamics was called with a u that has the keys 'torque'" in error.value.__notes__[0]
 
 
+@pytest.mark.parametrize(
+    ("broken", "kind", "u"),
+    [(lambda x: x, TypeError, None), (lambda x, u: jnp.stack([x[0], u["a"]]), ValueError, {"a": np.ones((5, 1))})],
+)
+def test_what_a_function_was_called_with_is_said_where_it_fails(broken, kind, u):
+    with pytest.raises(kind) as error:
+        run(u=u, dynamics=broken)
+    given = "u None" if u is None else "u {'a': (1,)}"
+    assert f"dynamics was called with x (2,), {given}" in error.value.__notes__
+
+
+def test_a_misspelt_parameter_is_told_the_names_there_are():
+    with pytest.raises(KeyError, match="q") as error:
+        sp.fit(lambda theta: model(process_noise=theta["q"] * EYE2), {"Q": 1.0}, np.ones((3, 1)))
+    assert "build was called with a theta that has the keys 'Q'" in error.value.__notes__[0]
+
+
 def test_points_too_close_together_for_single_precision_are_named():
     eye = [jnp.eye(n, dtype=jnp.float32) for n in (1, 2)]
     start = sp.Gaussian(jnp.zeros(2, jnp.float32), eye[1])
@@ -296,25 +328,3 @@ def test_a_failing_model_keeps_its_own_error():
 
     with pytest.raises(KeyError, match="no such table"):
         run(dynamics=broken)
-
-
-def test_a_model_that_gives_nan_is_warned_of_where_it_was_called():
-    broken = model(dynamics=lambda x, u: jnp.sqrt(x - 5.0))
-    for run in (sp.filter, sp.smooth):
-        with pytest.warns(UserWarning, match="the log-likelihood is not finite") as caught:
-            run(broken, np.ones((4, 1)))
-        assert [w.filename for w in caught] == [__file__]
-
-
-def test_a_likelihood_that_is_infinite_is_warned_of():
-    far = model(observation=lambda x, u: x + 1e200)
-    with pytest.warns(UserWarning, match="the log-likelihood is not finite"):
-        sp.filter(far, np.ones((4, 1)))
-
-
-@pytest.mark.parametrize("together", [np.array, list], ids=["array", "list"])
-def test_the_series_that_gives_nan_is_named_where_it_was_called(together):
-    broken, u = model(dynamics=lambda x, u: jnp.sqrt(u) * x), np.stack([np.ones(4), -np.ones(4)])
-    with pytest.warns(UserWarning, match="the log-likelihood of series 1 is not finite") as caught:
-        sp.batch(broken, together([*np.ones((2, 4, 1))]), together([*u]))
-    assert [w.filename for w in caught] == [__file__]

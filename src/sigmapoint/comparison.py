@@ -168,15 +168,20 @@ def compare(
     if methods is not None and not methods:
         raise ValueError("methods is empty: give a dict such as {'ekf': sp.ekf(), 'srcdkf': sp.srcdkf()}")
     chosen = {name: METHODS[name]() for name in STANDARD} if methods is None else methods
-    for method in chosen.values():
+    for name, method in chosen.items():
         checks.instance("method", method, Recipe, MAKER)
-        method.random(key)
+        try:
+            method.random(key)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
     estimate = smoothed if smooth else filter
     rows, posteriors = [], {}
     for name, method in chosen.items():
         each(name)
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "the log-likelihood")  # its note says so, and from which row on
+            warnings.filterwarnings(
+                "ignore", "the (log-likelihood|mean|std)"
+            )  # its note says so, and from which row on
             row, post = row_of(name, lambda method=method: estimate(model, y, u, method, key=key), states)
         rows.append(row)
         if post is not None:

@@ -178,7 +178,8 @@ class OnlineFilter:
         if type(y) is not np.ndarray or y.dtype != self._dtype:
             y = checks.array("y", y).astype(self._dtype)
         if y.ndim != 1:
-            raise ValueError(f"y must be one measurement of shape (m,), got shape {y.shape}")
+            hint = "; for a single number pass [y]" if y.ndim == 0 else ""
+            raise ValueError(f"y must be one measurement of shape (m,), got shape {y.shape}{hint}")
         data_checks.measured(y)
         return y
 

@@ -117,12 +117,19 @@ class Posterior(eqx.Module):
 
     def trouble(self, series: int | None = None) -> str | None:
         """What is to be said where the run broke down; `series` is its number, if it is one of several."""
-        if not known(self.log_likelihood) or (sound := np.isfinite(np.asarray(self.log_likelihood))).all():
+        if not known(self.log_likelihood):
+            return None
+        sound = {"log-likelihood": np.isfinite(np.asarray(self.log_likelihood))}
+        for name in ("mean", "std"):
+            if (kept := getattr(self, name)) is not None:
+                # What breaks down on the way is broken in the end, and looking back, at the beginning.
+                sound[name] = np.isfinite(np.asarray(kept)[..., [0, -1], :]).all((-2, -1))
+        name = next((name for name, each in sound.items() if not each.all()), None)
+        if name is None:
             return None
         return (
-            f"the log-likelihood{of_series(~sound, series)} is not finite: the model gave NaN or infinity, or the "
-            "filter broke down. print(sp.diagnose(post)), of one series, says how many samples it lost, and where to "
-            "look"
+            f"the {name}{of_series(~sound[name], series)} is not finite: the model gave NaN or infinity, or the filter "
+            "broke down. print(sp.diagnose(post)), of one series, says how many samples it lost, and where to look"
         )
 
     def to_xarray(self, time: Any = None) -> Any:

@@ -12,7 +12,7 @@ from scipy import signal, stats
 
 import sigmapoint as sp
 from sigmapoint.diagnosis.accuracy import errors
-from sigmapoint.diagnosis.consistency import consistency, correlation_time, normalised, row_band
+from sigmapoint.diagnosis.consistency import consistency, independent_rows, normalised, row_band
 from sigmapoint.diagnosis.diagnostics import diagnose
 from sigmapoint.diagnosis.verdict import gravest_first
 from sigmapoint.diagnosis.whiteness import LAGS, autocorrelation, quantiles
@@ -223,12 +223,20 @@ def test_with_truth_errors_are_judged_too(white):
     assert diagnose(made(white), partly).nees.degrees == T
 
 
-def test_the_correlation_time_of_an_autoregression_is_that_of_its_formula():
-    noise = np.random.default_rng(0).normal(size=200_000)
-    for rho in (0.0, 0.5, 0.9):
+def test_rows_of_an_autoregression_are_worth_what_its_correlations_say():
+    T, noise = 200_000, np.random.default_rng(0).normal(size=200_000)
+    for rho in (0.0, 0.5, -0.9):
         series = signal.lfilter([1.0], [1.0, -rho], noise)
-        np.testing.assert_allclose(correlation_time(series), (1 + rho) / (1 - rho), rtol=0.1)
-    assert correlation_time(np.zeros(3)) == 1.0
+        expected = T * (1 - rho**2) / (1 + rho**2)
+        np.testing.assert_allclose(independent_rows(3 * series[:, None]), expected, rtol=0.1)
+        np.testing.assert_allclose(independent_rows(np.stack([series, noise], 1)), 2 / (1 / T + 1 / expected), rtol=0.1)
+    assert independent_rows(np.zeros((3, 1))) == 3.0
+    assert independent_rows(np.ones((1, 2))) == 1.0
+
+
+def test_independent_errors_beyond_their_bars_are_told_however_much(white):
+    truth = 1.2 * np.random.default_rng(6).normal(size=(T, 2))
+    assert said(diagnose(made(white), truth), "overconfident about the states")
 
 
 def test_errors_that_stay_are_no_false_alarm_and_too_narrow_bars_are_told():
@@ -247,6 +255,17 @@ def test_errors_that_stay_are_no_false_alarm_and_too_narrow_bars_are_told():
     assert sum(outside) <= 6  # 2 of 40 expected
     sure = dataclasses.replace(posts[0], cov=posts[0].cov / 6)
     assert said(diagnose(sure, x[0]), "overconfident about the states")
+
+
+def test_a_constant_whose_error_stays_is_no_false_alarm():
+    """With the right filter of a constant, the last errors are all about the same one."""
+    one = jnp.eye(1)
+    model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, 0 * one, one, sp.Gaussian(jnp.zeros(1), one))
+    x, y = jax.vmap(lambda key: sp.simulate(model, 300, key=key))(jax.random.split(jax.random.key(1), 40))
+    verdicts = [diagnose(sp.filter(model, *one[:1]), one[1]) for one in zip(y, x)]
+    assert not any(said(found, "misses the truth") for found in verdicts)
+    assert sum(bool(said(found, "overconfident about the states")) for found in verdicts) <= 6  # 2 of 40 expected
+    assert sum(bool(said(found, "no surprise here")) for found in verdicts) > 0
 
 
 def test_a_bias_within_two_standard_deviations_is_not_called_good_without_a_word(white):

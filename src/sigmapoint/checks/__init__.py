@@ -22,7 +22,9 @@ def array(name: str, value: Any) -> Array:
     try:
         made = jnp.asarray(value)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__}: {error}") from error
+        kind = getattr(value, "dtype", None)
+        got = f"{value!r:.40}" if kind is None else f"an array of {kind}"
+        raise ValueError(f"{name} must be an array of numbers, got {got}") from error
     if jnp.issubdtype(made.dtype, jnp.complexfloating):
         raise ValueError(f"{name} must be real, got {made.dtype}")
     if not jnp.issubdtype(made.dtype, jnp.floating):

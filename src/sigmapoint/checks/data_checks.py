@@ -54,6 +54,11 @@ INPUTS_KNOWN = "Inputs must be known: interpolate them, or hold the last value"
 
 def inputs(u: Any, T: int | None, dtype: Any, called: str = "u", rows_of: str = "y", hint: str = INPUTS_KNOWN) -> Any:
     """Every leaf an array with leading axis T (any shape where T is None), floating ones in `dtype` and without NaN."""
+    if hasattr(u, "columns") and hasattr(u, "to_numpy"):
+        raise ValueError(
+            f"{called} is a table: pass {{name: {called}[name].to_numpy() for name in {called}}}, or one array, "
+            f"{called}.to_numpy()"
+        )
 
     def leaf(path: Any, value: Any) -> Array | np.ndarray:
         name = called + jax.tree_util.keystr(path)

@@ -18,14 +18,21 @@ def called(name: str, function: Any, *args: Any) -> Any:
             "that cannot be traced, sp.blackbox(function)"
         )
         raise
-    except (TypeError, AttributeError) as error:
+    except (TypeError, AttributeError, ValueError, IndexError) as error:
         if args[1] is None and "None" in str(error):
             error.add_note(f"{name} was called with u=None: pass u=... (to update and predict of sp.online, too)")
+        else:
+            error.add_note(f"{name} was called with {', '.join(map(_shapes, ('x', 'u', 'w'), args))}")
         raise
     except KeyError as error:
         if isinstance(args[1], Mapping) and error.args[:1] and error.args[0] not in args[1]:
             error.add_note(f"{name} was called with a u that has the keys {', '.join(map(repr, args[1]))}")
         raise
+
+
+def _shapes(name: str, value: Any) -> str:
+    """An argument as its shapes: `x (2,)`, `u {'dt': ()}`."""
+    return f"{name} {jax.tree.map(jnp.shape, value)}"
 
 
 def columns(measured: int, value: Any) -> None:

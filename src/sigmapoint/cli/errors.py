@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 import traceback
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -41,6 +42,7 @@ def entered(app: Callable[[], Any]) -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGINT, remember)
+    warnings.showwarning = warned
     try:
         app()
     except SystemExit as done:
@@ -60,6 +62,11 @@ def fail(message: str, code: int) -> typer.Exit:
     console = Console(stderr=True, highlight=False)
     console.print(f"[bold red]error:[/] {escape(message)}", soft_wrap=True)
     return typer.Exit(code)
+
+
+def warned(message: Warning | str, *_: Any, **__: Any) -> None:
+    """Print a warning on standard error as a line for people, without the place in our code where it arose."""
+    Console(stderr=True, highlight=False).print(f"[bold yellow]warning:[/] {escape(str(message))}", soft_wrap=True)
 
 
 def guarded(command: Callable[..., None]) -> Callable[..., None]:

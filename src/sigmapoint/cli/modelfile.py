@@ -6,6 +6,7 @@
 | `measurements` | names of columns, or a dict from names of observations to columns |
 | `inputs` (optional) | dict from keys of `u` to columns, or names of columns |
 | `time` (optional) | name of the column with numbers or ISO dates; rows are numbered 0, 1, 2, … without it |
+| `interval` (optional) | key of `u` for the time from a row to the next (s for dates; 0 in the last row) |
 | `truth` (optional) | dict from names of states to columns |
 
 Units in the headers are carried into the outputs, where the model itself names none.
@@ -56,7 +57,7 @@ def load(model_path: Path, data_path: Path) -> Problem:
     frame = data.read(data_path)
     clock = data.clock(frame, _time(names, model_path))
     columns = _columns(frame, names, "inputs", model_path, complete=True)
-    u = {key: column.values for key, column in columns.items()}
+    u = {key: column.values for key, column in columns.items()} | _interval(names, model_path, columns, clock)
     model = _model(names, model_path, u, clock)
     measured = _measurements(frame, names, model, model_path)
     truth = _truth(frame, names, model, model_path)
@@ -86,6 +87,16 @@ def _time(names: Mapping[str, Any], path: Path) -> str | None:
     if not isinstance(time, str | None):
         raise InputError(f"{path}: `time` must be the name of a column, got {type(time).__name__}; rename others")
     return time
+
+
+def _interval(names: Mapping[str, Any], path: Path, inputs: Columns, clock: data.Clock) -> dict[str, np.ndarray]:
+    """The distance of each row to the next as an input, where one is to be."""
+    key = names.get("interval")
+    if key is None:
+        return {}
+    if not isinstance(key, str) or key in inputs:
+        raise InputError(f"{path}: `interval` must be a key of u that no column of `inputs` has, got {key!r}")
+    return {key: np.diff(clock.numbers, append=clock.numbers[-1])}
 
 
 def _model(names: Mapping[str, Any], path: Path, u: dict[str, np.ndarray], clock: data.Clock) -> StateSpaceModel:
@@ -124,6 +135,12 @@ def _measurements(frame: pd.DataFrame, names: Mapping[str, Any], model: StateSpa
     columns = _columns(frame, names, "measurements", path, complete=False)
     if not columns:
         raise InputError(f"{path} must define `measurements`, a list of columns such as ['voltage']")
+    named = model.observation_names or ()
+    if not isinstance(names["measurements"], Mapping) and set(columns) == set(named) and tuple(columns) != named:
+        raise InputError(
+            f"{path}: a list of `measurements` must be in the order of the model's observation_names, "
+            f"{', '.join(named)}, got {', '.join(columns)}; or write a dict"
+        )
     if isinstance(names["measurements"], Mapping) and model.observation_names is not None:
         if set(columns) != set(model.observation_names):
             raise InputError(

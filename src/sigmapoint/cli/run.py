@@ -45,8 +45,9 @@ def run(
     Writes estimates.parquet, summary.json and report.html into the folder of --out.
 
     MODEL.py has `model = sp.StateSpaceModel(...)` or `build(u, time)` that returns one, `measurements` (columns, or a
-    dict observation -> column), and where needed `inputs` (dict key of u -> column), `time` (column) and `truth`
-    (dict state -> column). Columns may carry units: `voltage [V]` or `Voltage(V)`. Empty cells were not measured.
+    dict observation -> column), and where needed `inputs` (dict key of u -> column), `time` (column), `interval` (key
+    of u for the time to the next row) and `truth` (dict state -> column). Columns may carry units: `voltage [V]` or
+    `Voltage(V)`. Empty cells were not measured.
     """
     chosen, folder_out = parse_method(method), folder(out)
     problem = modelfile.load(model, data)
@@ -71,6 +72,8 @@ def run(
     console.print(output.table("last row", rows))
     console.print(output.table("run", [overview(post, method, seconds)]))
     output.written(console, paths)
+    if post.trouble() is not None:
+        raise typer.Exit(1)
 
 
 def frame_of(post: Posterior, clock: Clock) -> Any:
@@ -98,10 +101,10 @@ def overview(post: Posterior, method: str, seconds: float) -> dict[str, Any]:
     return {
         "method": method,
         "samples": post.y.shape[0],
-        "measured": nis["measured_elements"],
+        "measured": int(np.isfinite(post.y).sum()),
         "log likelihood": float(post.log_likelihood),
         "NIS per element (1)": nis["per_element"],
-        "seconds": seconds,
+        "seconds with compiling": seconds,
     }
 
 

@@ -3,6 +3,7 @@
 A row that is not finite where the truth is known counts: its root-mean-square error is NaN, and no bar covers it.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import jax
@@ -11,9 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from sigmapoint.checks import data_checks
+from sigmapoint.diagnosis.consistency import independent_rows
 from sigmapoint.results import Posterior, field
 
 SIGMAS = (1, 2, 3)
+NOMINAL = math.erf(2**0.5)
+"""Coverage of ±2σ, of Gaussian errors."""
 
 
 class Coverage(NamedTuple):
@@ -26,6 +30,8 @@ class Coverage(NamedTuple):
     std: float
     """mean of the standard deviations that were stated"""
     samples: int
+    independent: float
+    """how many samples these are worth: errors are correlated in time"""
 
 
 class Errors(NamedTuple):
@@ -64,8 +70,9 @@ def coverage(name: str, error: Float[np.ndarray, "K"], std: Float[np.ndarray, "K
     """Of K errors with the standard deviations stated for them; NaN of none."""
     if not error.size:
         nan = float("nan")
-        return Coverage(name, (nan, nan, nan), nan, nan, nan, 0)
+        return Coverage(name, (nan, nan, nan), nan, nan, nan, 0, 0.0)
     size = np.abs(error)
     one, two, three = (float(np.mean(size <= k * std)) for k in SIGMAS)
+    stated, independent = float(std.mean()), independent_rows((error / np.where(std > 0, std, np.nan))[:, None])
     rms = float(np.sqrt(np.mean(error**2)))
-    return Coverage(name, (one, two, three), rms, float(size.max()), float(std.mean()), size.size)
+    return Coverage(name, (one, two, three), rms, float(size.max()), stated, size.size, independent)

@@ -20,6 +20,8 @@ from jaxtyping import Float, Int
 from sigmapoint import checks
 
 LEVEL = (0.025, 0.975)
+WINDOW = 5
+"""Correlation times up to which correlations are summed."""
 BLOCK = 20_000
 """Rows decomposed at a time, to bound memory."""
 
@@ -99,11 +101,11 @@ def row_band(degrees: Int[np.ndarray, "T"]) -> tuple[Float[np.ndarray, "T"], Flo
 
 
 def consistency(
-    squared: Float[np.ndarray, "T"], degrees: Int[np.ndarray, "T"], *, correlated: bool = False
+    squared: Float[np.ndarray, "T"], degrees: Int[np.ndarray, "T"], independent: float | None = None
 ) -> Consistency:
     """Judge normalised squares against χ²; rows with no degrees of freedom, or not finite, are left out.
 
-    Rows that are `correlated`, as errors of a state are, count as so many fewer.
+    Where rows are correlated, as errors of a state are, `independent` is how many of them all are worth.
     """
     used = (degrees > 0) & np.isfinite(squared)
     squared, degrees = squared[used].astype(float), degrees[used]
@@ -112,8 +114,8 @@ def consistency(
         nan = float("nan")
         return Consistency(nan, (nan, nan), nan, nan, 0, 0)
     low, high = row_band(degrees)
-    independent = total / (correlation_time(squared / degrees - 1.0) if correlated else 1.0)
-    spread = [float(_quantile(level, np.array([independent]))[0]) / independent for level in LEVEL]
+    worth = np.array([total if independent is None else total * independent / len(squared)])
+    spread = [float(_quantile(level, worth)[0]) / float(worth[0]) for level in LEVEL]
     return Consistency(
         mean=float(squared.sum() / total),
         band=(spread[0], spread[1]),
@@ -124,19 +126,30 @@ def consistency(
     )
 
 
-def correlation_time(x: Float[np.ndarray, "T"]) -> float:
-    """How many rows of a series around zero say as much about its mean as one that is independent.
+def independent_rows(white: Float[np.ndarray, "T d"]) -> float:
+    """How many independent rows say as much about the mean of the squares as all of these, correlated in time.
 
-    1 + 2 Σ ρₖ up to the first pair of correlations that is not positive (Geyer, Statistical Science 7, 1992).
+    Squares of Gaussian vectors have the squares ρ² of their correlations: T / (1 + 2 Σ ρₖ²). These are taken about zero
+    and over all elements, up to the first lag that is five times that sum (Sokal, "Monte Carlo methods in statistical
+    mechanics", 1997). What is not finite counts as zero.
+
+    Examples:
+        >>> import numpy as np
+        >>> from sigmapoint.diagnosis.consistency import independent_rows
+        >>> bool(450 < independent_rows(np.random.default_rng(0).normal(size=(500, 1))) <= 500)
+        True
+        >>> independent_rows(np.ones((500, 1))) < 2
+        True
     """
-    T = len(x)
-    spectrum = np.abs(np.fft.rfft(x, 2 * T)) ** 2
-    covariance = np.fft.irfft(spectrum)[:T]
-    if not covariance[0] > 0:
-        return 1.0
-    pairs = (covariance[: T - T % 2] / covariance[0]).reshape(-1, 2).sum(1)
-    positive = np.cumprod(pairs > 0).astype(bool)
-    return float(np.clip(2 * pairs[positive].sum() - 1, 1.0, T))
+    T = len(white)
+    z = np.where(np.isfinite(white), white, 0.0)
+    covariance = np.fft.irfft(np.abs(np.fft.rfft(z, 2 * T, axis=0)) ** 2, axis=0)[:T]
+    varying = covariance[:, covariance[0] > 0]
+    if not varying.size:
+        return float(T)
+    times = 2 * np.cumsum(((varying / varying[0]) ** 2).mean(1)) - 1
+    window = np.arange(T) >= WINDOW * times
+    return T / float(times[window.argmax() if window.any() else -1])
 
 
 def _quantile(level: float, degrees: np.ndarray) -> np.ndarray:

@@ -14,11 +14,12 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool
 
 from sigmapoint import checks
 from sigmapoint.diagnosis import verdicts
 from sigmapoint.diagnosis.accuracy import Coverage, errors
-from sigmapoint.diagnosis.consistency import Consistency, consistency, normalised
+from sigmapoint.diagnosis.consistency import Consistency, consistency, independent_rows, normalised
 from sigmapoint.diagnosis.verdict import Verdict, gravest_first
 from sigmapoint.diagnosis.whiteness import COLUMNS, Element, examined
 from sigmapoint.results import Posterior, field, host, input_columns, measured_rows
@@ -87,13 +88,19 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
     names = post.labels.innovations(innovation.shape[1]).names
     elements = tuple(examined(name, z, inputs) for name, z in zip(names, normal.white.T))
     measured = measured_rows(field(post, "y"), innovation.shape[1])
-    lost = int((measured & ~(np.isfinite(innovation).any(1) & np.isfinite(nis))).sum())
+    lost = int((measured & ~(np.isfinite(innovation).any(1) & np.isfinite(nis)) | ~_believed(post)).sum())
     nees, covered = (None, ()) if truth is None else _against(post, truth)
     whole = consistency(nis, normal.degrees)
     wide = _wide(post)
     few = _few(post)
     said = verdicts.of(whole, elements, nees, covered, lost, wide, few)
     return Diagnosis(whole, elements, nees, covered, lost, wide, few, said)
+
+
+def _believed(post: Posterior) -> Bool[np.ndarray, "T"]:
+    """Rows with a belief that is finite, as far as beliefs were kept."""
+    kept = [field(post, name) for name in ("mean", "std") if getattr(post, name) is not None]
+    return np.logical_and.reduce([np.isfinite(a).all(1) for a in kept] or [np.ones(len(field(post, "nis")), bool)])
 
 
 def _few(post: Posterior) -> float:
@@ -117,4 +124,4 @@ def _wide(post: Posterior) -> dict[str, float]:
 def _against(post: Posterior, truth: Any) -> tuple[Consistency, tuple[Coverage, ...]]:
     found = errors(post, truth)
     normal = normalised(found.value, field(post, "cov"))
-    return consistency(normal.squared, normal.degrees, correlated=True), found.each()
+    return consistency(normal.squared, normal.degrees, independent_rows(normal.white)), found.each()

@@ -9,7 +9,8 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Bool
 
-from sigmapoint.diagnosis.accuracy import Coverage
+from sigmapoint import checks
+from sigmapoint.diagnosis.accuracy import NOMINAL, Coverage
 from sigmapoint.diagnosis.consistency import Consistency
 from sigmapoint.diagnosis.verdict import Severity, Verdict
 from sigmapoint.diagnosis.whiteness import Element
@@ -17,13 +18,15 @@ from sigmapoint.diagnosis.whiteness import Element
 PARTICLES, SOME = 10, 0.05
 """Effective sample size below which moments mean little, and the share of rows for which nobody needs to act."""
 FEW = 30
-"""Samples below which nothing is said about whiteness and normality."""
+"""Samples below which nothing is said about whiteness and normality, nor of error bars that are too wide."""
 TOLERATED = (0.8, 1.25)
 """Mean NIS or NEES per degree of freedom that nobody needs to act on."""
 GROSS = 2.0
 """Mean NIS or NEES per degree of freedom above which error bars mislead."""
 CORRELATED, STRONGLY = 0.1, 0.5
 """Correlations that matter, and that dominate."""
+COVERED = 0.85
+"""Coverage of ±2σ, nominally 0.95, that nobody needs to act on."""
 HALF = 0.5
 """Coverage of ±1σ, nominally 0.68, below which errors are not spread as noise is."""
 CHANCE = 0.001
@@ -47,10 +50,10 @@ def of(
     if nees is not None and nees.rows and whole:
         said += _contradiction(nis, nees)  # before the two that it reconciles
     if whole:
-        said += [_consistent(nis, *NIS), *_whiteness(elements)]
+        said += [*_consistent(nis, *NIS), *_whiteness(elements)]
         said += [v for e in elements if e.samples >= FEW for v in (*_bias(e), *_tails(e), *_inputs(e))]
     if nees is not None and nees.rows:
-        said += [_consistent(nees, *NEES), *_coverage(coverage)]
+        said += [*_consistent(nees, *NEES), *_coverage(coverage)]
     return tuple(said)
 
 
@@ -72,7 +75,7 @@ def _lost(lost: int) -> list[Verdict]:
     if not lost:
         return []
     text = (
-        f"The filter broke down: {lost} measured sample(s) have no finite innovation. Look for a model that returns "
+        f"The filter broke down: {lost} sample(s) have no finite estimate or innovation. Look for a model that returns "
         "NaN or infinity outside its range (sigma points go where no state is: guard sqrt, log and divisions), and for "
         "a first belief too far off."
     )
@@ -100,20 +103,22 @@ def _samples(nis: Consistency) -> list[Verdict]:
     return [Verdict("warning", f"Only {nis.rows} sample(s) were measured: too few to judge the filter by.")]
 
 
-def _consistent(c: Consistency, short: str, what: str, per: str, about: str) -> Verdict:
+def _consistent(c: Consistency, short: str, what: str, per: str, about: str) -> list[Verdict]:
     low, high = c.band
     numbers = f"mean {short} {c.mean:.3g} per {per}, expected {low:.2f} to {high:.2f}"
     if low <= c.mean <= high or TOLERATED[0] <= c.mean <= TOLERATED[1]:
         outside = "" if low <= c.mean <= high else " (slightly outside, too little to matter)"
         share = f"{100 * c.inside:.0f} % of samples within their 95 % band"
         text = f"The error bars fit the {what}: {numbers}{outside}; {share}."
-        return Verdict("good", text)
+        return [Verdict("good", text)]
+    if c.mean < low and c.rows < FEW:
+        return []
     if c.mean < low:
         text = (
             f"The filter is underconfident about {about}: its {what} are on average {1 / max(c.mean, 1e-12):.3g} times "
             f"smaller (in variance) than it says ({numbers}). Try a smaller observation_noise or process_noise."
         )
-        return Verdict("warning", text)
+        return [Verdict("warning", text)]
     text = (
         f"The filter is overconfident about {about}: its {what} are on average {c.mean:.3g} times larger (in variance) "
         f"than it says ({numbers}). "
@@ -125,12 +130,13 @@ def _consistent(c: Consistency, short: str, what: str, per: str, about: str) -> 
         )
     else:
         text += "Try a larger observation_noise or process_noise, or add the missing state."
-    return Verdict("bad" if c.mean > GROSS else "warning", text)
+    return [Verdict("bad" if c.mean > GROSS else "warning", text)]
 
 
 def _contradiction(nis: Consistency, nees: Consistency) -> list[Verdict]:
     """Noise levels cannot mend both: smaller ones for the innovations, larger ones for the errors."""
-    if not (nis.rows and nis.mean < TOLERATED[0] and nees.mean > TOLERATED[1]):
+    small, large = min(TOLERATED[0], nis.band[0]), max(TOLERATED[1], nees.band[1])
+    if not (nis.rows and nis.mean < small and nees.mean > large):
         return []
     text = (
         "Innovations that are too small beside errors that are too large are not a matter of noise levels: of the "
@@ -201,17 +207,25 @@ def _inputs(e: Element) -> list[Verdict]:
 
 
 def _coverage(states: tuple[Coverage, ...]) -> list[Verdict]:
-    poor = [c for c in states if c.within[1] < 0.85]
-    known = [c for c in states if c.within[1] >= 0.85]
+    known = [c for c in states if c.samples]
+    poor = [c for c in known if c.within[1] < COVERED and _chance(c) < CHANCE]
     if not poor:
         lowest = min((c.within[1] for c in known), default=float("nan"))
         text = f"Every ±2σ band covers the truth at least {100 * lowest:.1f} % of the time (95 % is nominal)."
-        return [Verdict("good", text + _narrow(known))] if known else []
+        luck = " Fewer is no surprise here, where errors last so long." if lowest < COVERED else ""
+        return [Verdict("good", text + luck + _narrow(known))] if known else []
     worst = sorted(poor, key=lambda c: c.within[1])[:5]
     listed = ", ".join(f"{c.name} {100 * c.within[1]:.0f} %" for c in worst)
     more = f" and {len(poor) - len(worst)} more" if len(poor) > len(worst) else ""
     text = f"The ±2σ band misses the truth too often (95 % is nominal): it covers {listed}{more}. Do not rely on it."
     return [Verdict("bad" if worst[0].within[1] < 0.6 else "warning", text)]
+
+
+def _chance(c: Coverage) -> float:
+    """Probability of so few errors within ±2σ, or fewer: binomial, of as many as are independent."""
+    n, share = c.independent, c.within[1]
+    special = checks.extra("scipy.special", "a verdict on coverage")
+    return float(special.betainc(n * (1 - share), n * share + 1, 1 - NOMINAL))
 
 
 def _narrow(states: list[Coverage]) -> str:

@@ -65,7 +65,7 @@ class LogPosterior(eqx.Module):
         self, z: Float[Array, " L"], key: Array | None = None, until: Int[Array, ""] | None = None
     ) -> tuple[Float[Array, ""], Any]:
         """The log-likelihood of the rows before `until` (of all), and what the filter of every series then knows."""
-        model = self.build(self.theta(z))
+        model = built(self.build, self.theta(z))
         S, T = self.y.shape[:2]
         key = self.method.random(key)
         keys = None if key is None else jax.random.split(key, S)

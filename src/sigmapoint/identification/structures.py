@@ -32,10 +32,11 @@ def check_structure(name: str, structure: Any, cov: Float[Array, "*T n n"]) -> N
     Raises:
         ValueError: something else.
     """
+    given = getattr(structure, "__name__", repr(structure))
     moment = jax.ShapeDtypeStruct(cov.shape[-2:], cov.dtype)
     expected = (
         f"em: {name} must be sp.full, sp.diagonal, sp.tied, None (it stays as it is) or a function in jax.numpy from a "
-        f"second moment {moment.shape} to a covariance {moment.shape}, got {getattr(structure, '__name__', structure)}"
+        f"second moment {moment.shape} to a covariance {moment.shape}, got {given}"
     )
     if not callable(structure):
         raise ValueError(expected)

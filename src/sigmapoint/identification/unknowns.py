@@ -4,7 +4,7 @@ Elements of z have a prior of mean 0 and variance 1, in whatever units the param
 is no matter. With `sp.Gaussian` in place of a pytree, z is the vector itself.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -141,6 +141,10 @@ def built(build: Callable[[Any], StateSpaceModel], theta: Any) -> StateSpaceMode
             "build(theta) must be a function that JAX can trace: no float(), np.asarray() or `if` on parameters; use "
             "jax.numpy, and jnp.where for branches"
         ) from error
+    except KeyError as error:
+        if isinstance(theta, Mapping) and error.args[:1] and error.args[0] not in theta:
+            error.add_note(f"build was called with a theta that has the keys {', '.join(map(repr, theta))}")
+        raise
     checks.instance("build(theta)", model, StateSpaceModel)
     return model
 
