@@ -119,7 +119,7 @@ class Posterior(eqx.Module):
         """What is to be said where the run broke down; `series` is its number, if it is one of several."""
         if not known(self.log_likelihood):
             return None
-        sound = {"log-likelihood": np.isfinite(np.asarray(self.log_likelihood))}
+        sound: dict[str, Any] = {"log-likelihood": np.isfinite(np.asarray(self.log_likelihood))}
         for name in ("mean", "std"):
             if (kept := getattr(self, name)) is not None:
                 # What breaks down on the way is broken in the end, and looking back, at the beginning.
