@@ -17,13 +17,14 @@ from jaxtyping import Array, Float, Int
 
 from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
+from sigmapoint.breakdown import warned
 from sigmapoint.checks import data_checks
 from sigmapoint.compiled.series import of_each, one_by_one
 from sigmapoint.filtering import Estimator, Forward, fitting, series_of
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.ragged import Ragged, concatenated
 from sigmapoint.recipe import Recipe
-from sigmapoint.results import FIELDS, warned
+from sigmapoint.results import FIELDS
 from sigmapoint.smoothing.smoother import Smoother, looking_back
 
 LARGEST_PIECE = 256

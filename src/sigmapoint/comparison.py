@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
+from sigmapoint.breakdown import BreakdownWarning, finite_rows
 from sigmapoint.checks import data_checks
 from sigmapoint.contents import Contents
 from sigmapoint.diagnosis.accuracy import errors
@@ -99,8 +100,7 @@ def _innovations(post: Posterior) -> Row:
 
 
 def _note(post: Posterior) -> str:
-    mean, std = field(post, "mean"), field(post, "std")
-    bad = ~np.isfinite(np.column_stack([mean, std, np.asarray(post.nis)])).all(1)
+    bad = ~(finite_rows(post) & np.isfinite(field(post, "nis")))
     if bad.any():
         return f"not finite from row {int(np.argmax(bad))}"
     return "" if np.isfinite(float(post.log_likelihood)) else "the likelihood is not finite"
@@ -179,9 +179,7 @@ def compare(
     for name, method in chosen.items():
         each(name)
         with warnings.catch_warnings():
-            warnings.filterwarnings(
-                "ignore", "the (log-likelihood|mean|std)"
-            )  # its note says so, and from which row on
+            warnings.simplefilter("ignore", BreakdownWarning)  # its note says so, and from which row on
             row, post = row_of(name, lambda method=method: estimate(model, y, u, method, key=key), states)
         rows.append(row)
         if post is not None:

@@ -11,12 +11,13 @@ from jaxtyping import Array, Float
 
 from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
+from sigmapoint.breakdown import warned
 from sigmapoint.checks import data_checks
 from sigmapoint.compiled import series
 from sigmapoint.methods import Method, gaussian_filter, srcdkf
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.recipe import MAKER, Recipe, Run
-from sigmapoint.results import FIELDS, Labels, Posterior, warned
+from sigmapoint.results import FIELDS, Labels, Posterior
 
 
 def filter(

@@ -1,6 +1,5 @@
 """The result of a filter or smoother."""
 
-import warnings
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -9,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from sigmapoint import checks
+from sigmapoint.breakdown import finite_rows, of_series
 from sigmapoint.checks import known
 from sigmapoint.spaces import Euclidean, Space, same_elements
 
@@ -115,21 +115,22 @@ class Posterior(eqx.Module):
         labels = Labels.of(model, y.shape[-1])
         return cls(**fields, log_likelihood=kept["log_likelihood"], y=y, u=u, labels=labels)
 
-    def trouble(self, series: int | None = None) -> str | None:
-        """What is to be said where the run broke down; `series` is its number, if it is one of several."""
+    def breakdown(self, series: int | None = None) -> str | None:
+        """What a warning says where estimates or the log-likelihood are not finite; None where they are, or are traced.
+
+        Args:
+            series: the number of this result among others.
+        """
         if not known(self.log_likelihood):
             return None
-        sound: dict[str, Any] = {"log-likelihood": np.isfinite(np.asarray(self.log_likelihood))}
-        for name in ("mean", "std"):
-            if (kept := getattr(self, name)) is not None:
-                # What breaks down on the way is broken in the end, and looking back, at the beginning.
-                sound[name] = np.isfinite(np.asarray(kept)[..., [0, -1], :]).all((-2, -1))
-        name = next((name for name, each in sound.items() if not each.all()), None)
-        if name is None:
+        likely, rows = np.isfinite(np.asarray(self.log_likelihood)), finite_rows(self)
+        whole = rows.all(-1) if np.ndim(rows) else rows
+        if likely.all() and whole.all():
             return None
+        what, bad = ("log-likelihood is", ~likely) if not likely.all() else ("estimates are", ~whole)
         return (
-            f"the {name}{of_series(~sound[name], series)} is not finite: the model gave NaN or infinity, or the filter "
-            "broke down. print(sp.diagnose(post)), of one series, says how many samples it lost, and where to look"
+            f"the {what} not finite{of_series(bad, series)}: the model gave NaN or infinity, or the filter broke down. "
+            "print(sp.diagnose(post)), of one series, says how many samples it lost, and where to look"
         )
 
     def to_xarray(self, time: Any = None) -> Any:
@@ -198,20 +199,6 @@ class Posterior(eqx.Module):
         from sigmapoint.plotting import plot_states
 
         return plot_states(self, time, truth)
-
-
-def warned(found: Any) -> Any:
-    """A result, or a list of them, after a warning of the first that broke down: to whoever called the caller."""
-    named = enumerate(found) if isinstance(found, list) else [(None, found)]
-    if (trouble := next(filter(None, (post.trouble(series) for series, post in named)), None)) is not None:
-        warnings.warn(trouble, stacklevel=3)
-    return found
-
-
-def of_series(lost: Bool[np.ndarray, "*B"] | np.bool_, series: int | None) -> str:
-    """Names the first series that is lost, by its own number or by its place among others."""
-    place = np.argwhere(lost)[0] if np.ndim(lost) else [] if series is None else [series]
-    return f" of series {', '.join(map(str, place))}" if len(place) else ""
 
 
 def field(post: Posterior, name: str) -> np.ndarray:

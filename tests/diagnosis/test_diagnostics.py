@@ -1,6 +1,5 @@
 """Diagnoses say what is true of filters made consistent, overconfident, underconfident, and wrong in known ways."""
 
-import dataclasses
 import warnings
 from dataclasses import fields
 
@@ -8,49 +7,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import signal, stats
+from diagnosis.made import M, S, T, made, said
+from scipy import stats
 
 import sigmapoint as sp
-from sigmapoint.diagnosis.accuracy import errors
-from sigmapoint.diagnosis.consistency import consistency, independent_rows, normalised, row_band
+from sigmapoint.diagnosis.consistency import consistency, normalised, row_band
 from sigmapoint.diagnosis.diagnostics import diagnose
-from sigmapoint.diagnosis.verdict import gravest_first
 from sigmapoint.diagnosis.whiteness import LAGS, autocorrelation, quantiles
-from sigmapoint.results import Labels, Posterior, input_columns
-
-T, M = 4000, 2
-LABELS = Labels(("a", "b"), ("m", "1"), ("p", "q"), ("V", ""))
-S = np.array([[2.0, 0.6], [0.6, 0.5]])
-
-
-def made(innovation, scale=1.0, u=None, cov=S):
-    """A result with these innovations, of a filter that thinks their covariance is `cov`."""
-    innovation = np.asarray(innovation) * scale
-    n = len(innovation)
-    full = np.broadcast_to(cov, (n, *cov.shape))
-    nis = normalised(innovation, full).squared
-    eye = jnp.broadcast_to(jnp.eye(2), (n, 2, 2))
-    return Posterior(
-        mean=jnp.zeros((n, 2)),
-        cov=eye,
-        std=jnp.ones((n, 2)),
-        innovation=jnp.asarray(innovation),
-        innovation_cov=jnp.asarray(full),
-        nis=jnp.asarray(nis),
-        log_likelihood=jnp.asarray(0.0),
-        y=jnp.asarray(innovation),
-        u=u,
-        labels=LABELS,
-    )
-
-
-@pytest.fixture(scope="module")
-def white():
-    return np.random.default_rng(0).multivariate_normal(np.zeros(M), S, T)
-
-
-def said(found, word):
-    return [v for v in found.verdicts if word in v.text]
+from sigmapoint.results import Posterior, input_columns
 
 
 def test_normalised_squares_are_those_of_the_inverse(white):
@@ -200,95 +164,6 @@ def test_two_slow_series_are_not_taken_for_related():
 def test_an_offset_is_named(white):
     (verdict,) = said(diagnose(made(white + np.array([0.0, 0.5]))), "Innovations of q are")
     assert "standard deviations off zero" in verdict.text
-
-
-def test_with_truth_errors_are_judged_too(white):
-    truth = np.random.default_rng(6).normal(size=(T, 2))
-    found = diagnose(made(white), truth)
-    assert said(found, "The error bars fit the errors")
-    sigma = (0.95 * 0.05 / T) ** 0.5
-    assert abs(found.coverage[0].within[1] - 0.9545) < 5 * sigma
-    assert abs(found.coverage[1].rms - 1) < 5 * (0.5 / T) ** 0.5
-    worse = diagnose(made(white), 3 * truth)
-    assert said(worse, "overconfident about the states")
-    assert said(worse, "misses the truth too often")
-    assert not said(worse, "not a matter of noise levels")
-    both = diagnose(made(white, 0.5), 3 * truth)
-    first = gravest_first(both.verdicts)[0]
-    assert "not a matter of noise levels" in first.text
-    assert said(both, "Try a smaller")
-    assert said(both, "Try a larger")
-    partly = truth.copy()
-    partly[:, 1] = np.nan
-    assert diagnose(made(white), partly).nees.degrees == T
-
-
-def test_rows_of_an_autoregression_are_worth_what_its_correlations_say():
-    T, noise = 200_000, np.random.default_rng(0).normal(size=200_000)
-    for rho in (0.0, 0.5, -0.9):
-        series = signal.lfilter([1.0], [1.0, -rho], noise)
-        expected = T * (1 - rho**2) / (1 + rho**2)
-        np.testing.assert_allclose(independent_rows(3 * series[:, None]), expected, rtol=0.1)
-        np.testing.assert_allclose(independent_rows(np.stack([series, noise], 1)), 2 / (1 / T + 1 / expected), rtol=0.1)
-    assert independent_rows(np.zeros((3, 1))) == 3.0
-    assert independent_rows(np.ones((1, 2))) == 1.0
-
-
-def test_independent_errors_beyond_their_bars_are_told_however_much(white):
-    truth = 1.2 * np.random.default_rng(6).normal(size=(T, 2))
-    assert said(diagnose(made(white), truth), "overconfident about the states")
-
-
-def test_errors_that_stay_are_no_false_alarm_and_too_narrow_bars_are_told():
-    """A level that moves slowly against a noisy sensor: its errors are correlated over dozens of rows."""
-    model = sp.StateSpaceModel(
-        lambda x, u: 0.999 * x,
-        lambda x, u: x,
-        1e-5 * jnp.eye(1),
-        2.5e-3 * jnp.eye(1),
-        sp.Gaussian(jnp.ones(1), 0.01 * jnp.eye(1)),
-    )
-    x, y = jax.vmap(lambda key: sp.simulate(model, 300, key=key))(jax.random.split(jax.random.key(0), 40))
-    posts = [sp.filter(model, one) for one in y]
-    found = [diagnose(post, true) for post, true in zip(posts, x)]
-    outside = [not d.nees.band[0] <= d.nees.mean <= d.nees.band[1] for d in found]
-    assert sum(outside) <= 6  # 2 of 40 expected
-    sure = dataclasses.replace(posts[0], cov=posts[0].cov / 6)
-    assert said(diagnose(sure, x[0]), "overconfident about the states")
-
-
-def test_a_constant_whose_error_stays_is_no_false_alarm():
-    """With the right filter of a constant, the last errors are all about the same one."""
-    one = jnp.eye(1)
-    model = sp.StateSpaceModel(lambda x, u: x, lambda x, u: x, 0 * one, one, sp.Gaussian(jnp.zeros(1), one))
-    x, y = jax.vmap(lambda key: sp.simulate(model, 300, key=key))(jax.random.split(jax.random.key(1), 40))
-    verdicts = [diagnose(sp.filter(model, *one[:1]), one[1]) for one in zip(y, x)]
-    assert not any(said(found, "misses the truth") for found in verdicts)
-    assert sum(bool(said(found, "overconfident about the states")) for found in verdicts) <= 6  # 2 of 40 expected
-    assert sum(bool(said(found, "no surprise here")) for found in verdicts) > 0
-
-
-def test_a_bias_within_two_standard_deviations_is_not_called_good_without_a_word(white):
-    truth = np.full((T, 2), 1.5)
-    (verdict,) = said(diagnose(made(white), truth), "Every ±2σ band")
-    assert "as a bias does and noise does not" in verdict.text
-    assert "(a 0 %, b 0 %)" in verdict.text
-
-
-def test_an_estimate_that_is_not_finite_is_an_error_that_no_bar_covers(white):
-    post = made(white)
-    post = dataclasses.replace(post, mean=post.mean.at[: T // 2, 0].set(jnp.nan))
-    first, second = errors(post, np.zeros((T, 2))).each()
-    assert np.isnan(first.rms)
-    assert first.within[2] == 0.5
-    assert (second.rms, second.within[0], second.samples) == (0.0, 1.0, T)
-
-
-def test_errors_of_angles_are_taken_the_short_way_round(white):
-    turned = np.full((T, 2), 2 * np.pi)
-    post = made(white)
-    post = dataclasses.replace(post, labels=dataclasses.replace(post.labels, state_space=sp.angles(0, 1)))
-    assert diagnose(post, turned).coverage[0].rms < 1e-12
 
 
 @pytest.mark.parametrize("name", ["innovation", "innovation_cov", "nis", "mean", "cov", "std"])

@@ -80,6 +80,13 @@ def test_a_run_is_taught_and_tested_on_pairs_of_its_own():
     np.testing.assert_array_equal(lessons.test[0], x[:, 3:])
 
 
+def test_series_from_random_starts_have_left_them_behind():
+    """Spread at one instant, over many, is that of the long run (0.28)."""
+    many = jnp.stack([mackey_glass.drawn(2, key) for key in jax.random.split(jax.random.key(0), 300)])
+    long = mackey_glass.series(4000)[500:].std()
+    np.testing.assert_allclose(many.std(0), long, rtol=0.15)
+
+
 def test_another_start_gives_another_mackey_glass_series():
     one, other = (mackey_glass.drawn(50, jax.random.key(seed)) for seed in (0, 1))
     assert one.shape == (50,)

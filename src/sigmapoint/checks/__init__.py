@@ -22,14 +22,21 @@ def array(name: str, value: Any) -> Array:
     try:
         made = jnp.asarray(value)
     except (TypeError, ValueError) as error:
-        kind = getattr(value, "dtype", None)
-        got = f"{value!r:.40}" if kind is None else f"an array of {kind}"
-        raise ValueError(f"{name} must be an array of numbers, got {got}") from error
+        raise ValueError(f"{name} must be an array of numbers, got {_kind(value)}") from error
     if jnp.issubdtype(made.dtype, jnp.complexfloating):
         raise ValueError(f"{name} must be real, got {made.dtype}")
     if not jnp.issubdtype(made.dtype, jnp.floating):
         made = made.astype(float)
     return made
+
+
+def _kind(value: Any) -> str:
+    """What an array of something else holds, or why it is none."""
+    try:
+        made = np.asarray(value)
+    except ValueError as error:
+        return f"{type(value).__name__}: {error}"
+    return f"an array of {made.dtype}" if made.ndim and made.dtype != object else type(value).__name__
 
 
 def unmasked(name: str, value: Any) -> None:

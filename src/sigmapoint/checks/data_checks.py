@@ -56,7 +56,7 @@ def inputs(u: Any, T: int | None, dtype: Any, called: str = "u", rows_of: str = 
     """Every leaf an array with leading axis T (any shape where T is None), floating ones in `dtype` and without NaN."""
     if hasattr(u, "columns") and hasattr(u, "to_numpy"):
         raise ValueError(
-            f"{called} is a table: pass {{name: {called}[name].to_numpy() for name in {called}}}, or one array, "
+            f"{called} is a table: pass {{name: {called}[name].to_numpy() for name in {called}.columns}}, or "
             f"{called}.to_numpy()"
         )
 

@@ -25,9 +25,14 @@ def called(name: str, function: Any, *args: Any) -> Any:
             error.add_note(f"{name} was called with {', '.join(map(_shapes, ('x', 'u', 'w'), args))}")
         raise
     except KeyError as error:
-        if isinstance(args[1], Mapping) and error.args[:1] and error.args[0] not in args[1]:
-            error.add_note(f"{name} was called with a u that has the keys {', '.join(map(repr, args[1]))}")
+        note_keys(error, name, "u", args[1])
         raise
+
+
+def note_keys(error: KeyError, name: str, argument: str, given: Any) -> None:
+    """Say which keys there are, where it was one of these that was not there."""
+    if isinstance(given, Mapping) and error.args[:1] and error.args[0] not in given:
+        error.add_note(f"{name} was called with a {argument} that has the keys {', '.join(map(repr, given))}")
 
 
 def _shapes(name: str, value: Any) -> str:

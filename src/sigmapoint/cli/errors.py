@@ -1,6 +1,7 @@
 """What people see when something is wrong: one message on standard error, and an exit code.
 
-2: the input is at fault (the message says what to do); 1: anything else; 130: interrupted with Ctrl-C.
+2: the input is at fault (the message says what to do); 1: anything else, also a filter of `run` that broke down; 130:
+interrupted with Ctrl-C.
 """
 
 import functools
@@ -20,8 +21,10 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+import sigmapoint
 from sigmapoint.__main__ import INTERRUPTED
 
+PACKAGE = Path(sigmapoint.__file__).parent
 _stopped = threading.Event()
 
 
@@ -42,7 +45,7 @@ def entered(app: Callable[[], Any]) -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGINT, remember)
-    warnings.showwarning = warned
+    warnings.showwarning = show_warning
     try:
         app()
     except SystemExit as done:
@@ -64,9 +67,11 @@ def fail(message: str, code: int) -> typer.Exit:
     return typer.Exit(code)
 
 
-def warned(message: Warning | str, *_: Any, **__: Any) -> None:
-    """Print a warning on standard error as a line for people, without the place in our code where it arose."""
-    Console(stderr=True, highlight=False).print(f"[bold yellow]warning:[/] {escape(str(message))}", soft_wrap=True)
+def show_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: Any) -> None:
+    """Print a warning on standard error as a line for people, with the place where it arose if that is not in here."""
+    place = "" if Path(filename).is_relative_to(PACKAGE) else f" ({filename}, line {lineno})"
+    console = Console(stderr=True, highlight=False)
+    console.print(f"[bold yellow]warning:[/] {escape(f'{message}{place}')}", soft_wrap=True)
 
 
 def guarded(command: Callable[..., None]) -> Callable[..., None]:

@@ -1,18 +1,13 @@
 """MODEL.py: a model and which columns of the data go where.
 
-| name in the file | meaning |
-|---|---|
-| `model` or `build(u, time)` | a `StateSpaceModel`, or what makes one from inputs (dict of arrays) and time (T,) |
-| `measurements` | names of columns, or a dict from names of observations to columns |
-| `inputs` (optional) | dict from keys of `u` to columns, or names of columns |
-| `time` (optional) | name of the column with numbers or ISO dates; rows are numbered 0, 1, 2, … without it |
-| `interval` (optional) | key of `u` for the time from a row to the next (s for dates; 0 in the last row) |
-| `truth` (optional) | dict from names of states to columns |
+`model` or `build(u, time)`, `measurements`, `inputs`, `time`, `interval`, `truth`: what each of these names in the file
+means is in docs/tutorials/commandline.md.
 
 Units in the headers are carried into the outputs, where the model itself names none.
 """
 
 import dataclasses
+import inspect
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -106,11 +101,19 @@ def _model(names: Mapping[str, Any], path: Path, u: dict[str, np.ndarray], clock
             f"{path} must define either `model` or `build(u, time)`; it has {found}; helpers need other names"
         )
     with blaming(path):
-        model = names["model"] if "model" in names else names["build"](u, clock.numbers)
+        model = names["model"] if "model" in names else _called(names["build"], path, u, clock.numbers)
     if not isinstance(model, StateSpaceModel):
         source = "`model`" if "model" in names else "what `build` returns"
         raise InputError(f"{path}: {source} must be a sp.StateSpaceModel, got {type(model).__name__}")
     return model
+
+
+def _called(build: Any, path: Path, *given: Any) -> Any:
+    try:
+        inspect.signature(build).bind(*given)
+    except TypeError as error:
+        raise InputError(f"{path}: `build` must be a function that is called as build(u, time): {error}") from error
+    return build(*given)
 
 
 def _wanted(names: Mapping[str, Any], name: str, path: Path) -> dict[str, str]:
@@ -135,20 +138,22 @@ def _measurements(frame: pd.DataFrame, names: Mapping[str, Any], model: StateSpa
     columns = _columns(frame, names, "measurements", path, complete=False)
     if not columns:
         raise InputError(f"{path} must define `measurements`, a list of columns such as ['voltage']")
-    named = model.observation_names or ()
-    if not isinstance(names["measurements"], Mapping) and set(columns) == set(named) and tuple(columns) != named:
-        raise InputError(
-            f"{path}: a list of `measurements` must be in the order of the model's observation_names, "
-            f"{', '.join(named)}, got {', '.join(columns)}; or write a dict"
-        )
-    if isinstance(names["measurements"], Mapping) and model.observation_names is not None:
-        if set(columns) != set(model.observation_names):
+    if model.observation_names is None:
+        return columns
+    own = ", ".join(model.observation_names)
+    if not isinstance(names["measurements"], Mapping):
+        order = {name.casefold(): i for i, name in enumerate(model.observation_names)}
+        if any(order.get(name.casefold(), i) != i for i, name in enumerate(columns)):
             raise InputError(
-                f"{path}: `measurements` names {', '.join(columns)}, but the model's observation_names are "
-                f"{', '.join(model.observation_names)}"
+                f"{path}: a list of `measurements` must be in the order of the model's observation_names, {own}, got "
+                f"{', '.join(columns)}; or write a dict"
             )
-        columns = {name: columns[name] for name in model.observation_names}
-    return columns
+        return columns
+    if set(columns) != set(model.observation_names):
+        raise InputError(
+            f"{path}: `measurements` names {', '.join(columns)}, but the model's observation_names are {own}"
+        )
+    return {name: columns[name] for name in model.observation_names}
 
 
 def _truth(frame: pd.DataFrame, names: Mapping[str, Any], model: StateSpaceModel, path: Path) -> Columns:

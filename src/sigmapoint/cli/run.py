@@ -48,6 +48,9 @@ def run(
     dict observation -> column), and where needed `inputs` (dict key of u -> column), `time` (column), `interval` (key
     of u for the time to the next row) and `truth` (dict state -> column). Columns may carry units: `voltage [V]` or
     `Voltage(V)`. Empty cells were not measured.
+
+    Where the filter breaks down (estimates or likelihood not finite, or no particle explains a measurement), the files
+    are written all the same, and the exit code is 1.
     """
     chosen, folder_out = parse_method(method), folder(out)
     problem = modelfile.load(model, data)
@@ -72,7 +75,7 @@ def run(
     console.print(output.table("last row", rows))
     console.print(output.table("run", [overview(post, method, seconds)]))
     output.written(console, paths)
-    if post.trouble() is not None:
+    if post.breakdown() is not None:
         raise typer.Exit(1)
 
 

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from sigmapoint import checks
 from sigmapoint.checks import data_checks
-from sigmapoint.diagnosis.consistency import independent_rows
 from sigmapoint.results import Posterior, field
 
 SIGMAS = (1, 2, 3)
@@ -30,8 +30,8 @@ class Coverage(NamedTuple):
     std: float
     """mean of the standard deviations that were stated"""
     samples: int
-    independent: float
-    """how many samples these are worth: errors are correlated in time"""
+    mean_square: float
+    """of the errors over the standard deviations that were stated; 1 is right"""
 
 
 class Errors(NamedTuple):
@@ -70,9 +70,25 @@ def coverage(name: str, error: Float[np.ndarray, "K"], std: Float[np.ndarray, "K
     """Of K errors with the standard deviations stated for them; NaN of none."""
     if not error.size:
         nan = float("nan")
-        return Coverage(name, (nan, nan, nan), nan, nan, nan, 0, 0.0)
+        return Coverage(name, (nan, nan, nan), nan, nan, nan, 0, nan)
     size = np.abs(error)
     one, two, three = (float(np.mean(size <= k * std)) for k in SIGMAS)
-    stated, independent = float(std.mean()), independent_rows((error / np.where(std > 0, std, np.nan))[:, None])
-    rms = float(np.sqrt(np.mean(error**2)))
-    return Coverage(name, (one, two, three), rms, float(size.max()), stated, size.size, independent)
+    rms, relative = float(np.sqrt(np.mean(error**2))), float(np.mean(relative_to(error, std) ** 2))
+    return Coverage(name, (one, two, three), rms, float(size.max()), float(std.mean()), size.size, relative)
+
+
+def relative_to(error: Float[np.ndarray, "*T"], std: Float[np.ndarray, "*T"]) -> Float[np.ndarray, "*T"]:
+    """Errors as multiples of what was stated for them; infinite where either is no number, or only the latter is 0."""
+    ratio = error / np.where(std > 0, std, np.nan)
+    return np.where((error == 0) & (std == 0), 0.0, np.where(np.isnan(ratio), np.inf, ratio))
+
+
+def chance(c: Coverage, independent: float) -> float:
+    """Probability of so few errors within ±2σ, or of so large ones, of Gaussians with the bars that were stated.
+
+    The smaller of the two: binomial, and χ². `independent` is how many of them are (`independent_rows`): by squares,
+    which are more correlated than whether errors are within.
+    """
+    special, share = checks.extra("scipy.special", "a verdict on coverage"), c.within[1]
+    few = special.betainc(independent * (1 - share), independent * share + 1, 1 - NOMINAL)
+    return float(min(few, special.chdtrc(independent, independent * c.mean_square)))

@@ -127,11 +127,12 @@ def consistency(
 
 
 def independent_rows(white: Float[np.ndarray, "T d"]) -> float:
-    """How many independent rows say as much about the mean of the squares as all of these, correlated in time.
+    """How many independent rows say as much about the mean of the squares as those that are known, correlated in time.
 
-    Squares of Gaussian vectors have the squares ρ² of their correlations: T / (1 + 2 Σ ρₖ²). These are taken about zero
-    and over all elements, up to the first lag that is five times that sum (Sokal, "Monte Carlo methods in statistical
-    mechanics", 1997). What is not finite counts as zero.
+    This effective sample size is K / (1 + 2 Σ ρₖ²): squares of Gaussian vectors have the squares of their correlations.
+    These are taken about zero, so that an offset counts as correlation, over all elements of the K rows of which any is
+    finite, one after the other, up to the first lag that is `WINDOW` times the denominator (after Sokal, "Monte Carlo
+    methods in statistical mechanics", 1997).
 
     Examples:
         >>> import numpy as np
@@ -141,15 +142,16 @@ def independent_rows(white: Float[np.ndarray, "T d"]) -> float:
         >>> independent_rows(np.ones((500, 1))) < 2
         True
     """
-    T = len(white)
-    z = np.where(np.isfinite(white), white, 0.0)
-    covariance = np.fft.irfft(np.abs(np.fft.rfft(z, 2 * T, axis=0)) ** 2, axis=0)[:T]
-    varying = covariance[:, covariance[0] > 0]
+    known = np.isfinite(white)
+    z = np.where(known, white, 0.0)[known.any(1)]
+    K = len(z)
+    covariance = np.fft.irfft(np.abs(np.fft.rfft(z, 2 * K, axis=0)) ** 2, axis=0)[:K] if K else z
+    varying = covariance[:, covariance[0] > 0] if K else z
     if not varying.size:
-        return float(T)
+        return float(K)
     times = 2 * np.cumsum(((varying / varying[0]) ** 2).mean(1)) - 1
-    window = np.arange(T) >= WINDOW * times
-    return T / float(times[window.argmax() if window.any() else -1])
+    window = np.arange(K) >= WINDOW * times
+    return K / float(times[window.argmax() if window.any() else -1])
 
 
 def _quantile(level: float, degrees: np.ndarray) -> np.ndarray:

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool
 
 from sigmapoint import checks
+from sigmapoint.breakdown import finite_rows
 from sigmapoint.diagnosis import verdicts
-from sigmapoint.diagnosis.accuracy import Coverage, errors
+from sigmapoint.diagnosis.accuracy import Coverage, chance, errors, relative_to
 from sigmapoint.diagnosis.consistency import Consistency, consistency, independent_rows, normalised
 from sigmapoint.diagnosis.verdict import Verdict, gravest_first
 from sigmapoint.diagnosis.whiteness import COLUMNS, Element, examined
@@ -39,7 +39,7 @@ class Diagnosis(NamedTuple):
     nees: Consistency | None
     coverage: tuple[Coverage, ...]
     lost: int
-    """rows that were measured but have no finite innovation"""
+    """rows whose estimate is not finite, or that were measured and have no finite innovation"""
     wide: dict[str, float]
     """states whose ±2σ band goes all the way round, as of an angle, and their largest standard deviation"""
     few: float
@@ -88,19 +88,13 @@ def diagnose(post: Posterior, truth: Any = None) -> Diagnosis:
     names = post.labels.innovations(innovation.shape[1]).names
     elements = tuple(examined(name, z, inputs) for name, z in zip(names, normal.white.T))
     measured = measured_rows(field(post, "y"), innovation.shape[1])
-    lost = int((measured & ~(np.isfinite(innovation).any(1) & np.isfinite(nis)) | ~_believed(post)).sum())
-    nees, covered = (None, ()) if truth is None else _against(post, truth)
+    lost = int((measured & ~(np.isfinite(innovation).any(1) & np.isfinite(nis)) | ~finite_rows(post)).sum())
+    nees, covered, by_chance = (None, (), ()) if truth is None else _against(post, truth)
     whole = consistency(nis, normal.degrees)
     wide = _wide(post)
     few = _few(post)
-    said = verdicts.of(whole, elements, nees, covered, lost, wide, few)
+    said = verdicts.of(whole, elements, nees, covered, by_chance, lost, wide, few)
     return Diagnosis(whole, elements, nees, covered, lost, wide, few, said)
-
-
-def _believed(post: Posterior) -> Bool[np.ndarray, "T"]:
-    """Rows with a belief that is finite, as far as beliefs were kept."""
-    kept = [field(post, name) for name in ("mean", "std") if getattr(post, name) is not None]
-    return np.logical_and.reduce([np.isfinite(a).all(1) for a in kept] or [np.ones(len(field(post, "nis")), bool)])
 
 
 def _few(post: Posterior) -> float:
@@ -121,7 +115,10 @@ def _wide(post: Posterior) -> dict[str, float]:
     return {name: float(s) for name, s, all_round in zip(names, widest, around) if all_round and np.isfinite(s)}
 
 
-def _against(post: Posterior, truth: Any) -> tuple[Consistency, tuple[Coverage, ...]]:
+def _against(post: Posterior, truth: Any) -> tuple[Consistency, tuple[Coverage, ...], tuple[float, ...]]:
+    """NEES; coverage of each state, and how probable less or larger errors are."""
     found = errors(post, truth)
     normal = normalised(found.value, field(post, "cov"))
-    return consistency(normal.squared, normal.degrees, independent_rows(normal.white)), found.each()
+    nees = consistency(normal.squared, normal.degrees, independent_rows(normal.white))
+    covered, alone = found.each(), np.where(found.known, relative_to(found.value, found.std), np.nan)
+    return nees, covered, tuple(chance(c, independent_rows(z[:, None])) for c, z in zip(covered, alone.T))

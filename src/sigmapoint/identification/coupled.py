@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from sigmapoint import checks, filtering
 from sigmapoint.blackbox import unwrapped
+from sigmapoint.breakdown import warned
 from sigmapoint.checks import data_checks
 from sigmapoint.compiled import series
 from sigmapoint.identification.cell import Cell, Sample
@@ -168,7 +169,7 @@ class Dual(eqx.Module):
         last = jax.tree.map(lambda a: a[-1], u)
         self._warn(learner)
         return DualResult(
-            Posterior.of(model, y, u, {**kept, "log_likelihood": jnp.sum(kept["log_likelihood"])}),
+            warned(Posterior.of(model, y, u, {**kept, "log_likelihood": jnp.sum(kept["log_likelihood"])})),
             _estimates(self.cell.unknowns, kept["z"], kept["z_std"]),
             DualState(self.cell, learner, last, jnp.asarray(y.shape[0], int)),
             DualHistory(*history.T),

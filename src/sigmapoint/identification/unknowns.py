@@ -4,7 +4,7 @@ Elements of z have a prior of mean 0 and variance 1, in whatever units the param
 is no matter. With `sp.Gaussian` in place of a pytree, z is the vector itself.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from sigmapoint import checks
+from sigmapoint.checks.function_checks import note_keys
 from sigmapoint.identification.unknown import Unknown, real
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.noise import Gaussian
@@ -142,8 +143,7 @@ def built(build: Callable[[Any], StateSpaceModel], theta: Any) -> StateSpaceMode
             "jax.numpy, and jnp.where for branches"
         ) from error
     except KeyError as error:
-        if isinstance(theta, Mapping) and error.args[:1] and error.args[0] not in theta:
-            error.add_note(f"build was called with a theta that has the keys {', '.join(map(repr, theta))}")
+        note_keys(error, "build", "theta", theta)
         raise
     checks.instance("build(theta)", model, StateSpaceModel)
     return model

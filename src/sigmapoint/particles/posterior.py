@@ -5,9 +5,10 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from sigmapoint.breakdown import of_series
 from sigmapoint.checks import known
 from sigmapoint.particles.gaussian_sum.mixture import Mixture
-from sigmapoint.results import FIELDS, Posterior, of_series
+from sigmapoint.results import FIELDS, Posterior
 
 
 class ParticlePosterior(Posterior):
@@ -37,11 +38,11 @@ class ParticlePosterior(Posterior):
     log_weights: Float[Array, "*B T N"] | None
     ancestors: Int[Array, "*B T N"] | None = None
 
-    def trouble(self, series: int | None = None) -> str | None:
-        """What is to be said where the particles were lost; see `Posterior`."""
-        if self.ess is None or not known(self.ess) or not np.any(lost := np.asarray(self.ess) == 0):
-            return super().trouble(series)
-        row, which = np.argwhere(lost)[0][-1], of_series(lost.any(-1), series)
+    def breakdown(self, series: int | None = None) -> str | None:
+        """What a warning says where all particles were lost; else that of a `Posterior`."""
+        if self.ess is None or not known(self.ess) or not np.any(none := np.asarray(self.ess) == 0):
+            return super().breakdown(series)
+        row, which = np.argwhere(none)[0][-1], of_series(none.any(-1), series)
         return (
             f"no particle explains the measurement of row {row}{which}: all weights were zero there, so the particles "
             "stay as predicted, and the log-likelihood is minus infinity. Is the model's value there a number? Use "

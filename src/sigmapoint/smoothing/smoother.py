@@ -13,10 +13,11 @@ from jaxtyping import Array
 
 from sigmapoint import checks
 from sigmapoint.blackbox import unwrapped
+from sigmapoint.breakdown import warned
 from sigmapoint.filtering import Estimator, estimate, fields, prepared, scan
 from sigmapoint.model import StateSpaceModel
 from sigmapoint.recipe import Recipe
-from sigmapoint.results import FIELDS, Posterior, warned
+from sigmapoint.results import FIELDS, Posterior
 from sigmapoint.smoothing.reversal import back
 from sigmapoint.step import Filter, FilterState, Info, Method
 
