@@ -186,7 +186,7 @@ def curves(found: Mapping[str, Float[np.ndarray, "R E"]], reached: Mean) -> Figu
         axis.set_xlabel("epoch")
         axis.set_title(kind)
         axis.spines[["top", "right"]].set_visible(False)
-        axis.legend(frameon=False, fontsize=8)
+        axis.legend(frameon=False, fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.14))
     axes[0].set_ylabel("normalised mean squared error")
     return figure
 
